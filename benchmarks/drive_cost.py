@@ -18,6 +18,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 
 NODE = 5
@@ -33,7 +34,8 @@ class Period:
     def __init__(self, hand: str = "none") -> None:
         self.sent: list[Frame] = []
         axis = default_axis(Workspace.LINEAR, bus="bus", node=NODE, profile="maxon_epos4")
-        self.slave = Slave(NODE, load_profile("maxon_epos4"), axis, self.sent.append, hand_named(hand))
+        slot = DriveOnBus(NODE, load_profile("maxon_epos4"), axis, hand_named(hand))
+        self.slave = Slave(slot, self.sent.append)
         self.slave.power_on(0, booted=True)
         self._configure()
         self._rpdo = Frame(0x200 + NODE, struct.pack("<Hh", 0x0F, 20))

@@ -15,12 +15,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from types import UnionType
+from typing import Protocol
 
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings, drawn_settings
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
@@ -88,11 +88,10 @@ _OF_BUS = faults.LineFault | faults.ConnectionReset | faults.HostFault
 
 @dataclass(eq=False)
 class _PlannedFault:
-    """A fault that is planned, unless it was cancelled."""
+    """A fault that is planned; it was cancelled when it does not wait any more."""
 
     fault: TimedFault
     node: int
-    cancelled: bool = False
 
     def concerns(self, fault: TimedFault, node: int) -> bool:
         """Return whether this is the same fault; of the same drive, unless it is a fault of the bus or of the host."""
@@ -127,12 +126,10 @@ class FaultSchedule:
             self._cancel(node)
 
     def _cancel(self, node: int) -> None:
-        for waiting in self._waiting:
-            waiting.cancelled |= waiting.node == node
-        self._waiting = [waiting for waiting in self._waiting if not waiting.cancelled]
+        self._waiting = [waiting for waiting in self._waiting if waiting.node != node]
 
     def _happen(self, waiting: _PlannedFault, act: Callable[[int], None], t_ns: int) -> None:
-        if not waiting.cancelled:
+        if waiting in self._waiting:
             self._waiting.remove(waiting)
             self._happened.append(waiting)
             act(t_ns)
@@ -141,17 +138,17 @@ class FaultSchedule:
 # Faults of a drive on any bus (encoder, current loop, safe torque off), and faults of the hand.
 
 
-def faulty_hand(hand: Hand | None, these: Iterable[faults.Fault]) -> Hand | None:
-    """Return the hand with the releases and hits of these faults; None stays None."""
-    if hand is None:
-        return None
-    for fault in these:
+def with_faulty_hand(slot: DriveOnBus) -> DriveOnBus:
+    """Return the place of a drive whose hand, if it has one, releases and hits as its faults tell."""
+    if (hand := slot.hand) is None:
+        return slot
+    for fault in faults.faults_of(slot.faults, slot.node):
         match fault:
             case faults.HandRelease(at=at):
                 hand = hand.letting_go(at)
             case faults.HandHit(at=at, force=force, duration=duration):
                 hand = hand.hitting(at, force, duration)
-    return hand
+    return replace(slot, hand=hand)
 
 
 def inject_drive(fault: faults.DriveFaultKind, drive: Drive, plan: Plan, t_ns: int) -> None:
@@ -188,11 +185,20 @@ def until(t_ns: int, duration: float | None) -> int:
     return NEVER_NS if duration is None else t_ns + round(duration * 1e9)
 
 
-class DriveBench:
+class Ticking(Protocol):
+    """A part of a drive that has something to do at a time [ns]."""
+
+    due_ns: int
+
+
+class DriveBench(ABC):
     """Parts that the simulated drives of a bus share: seed, planned actions and the schedule of their faults.
 
     At least the `longest` latest segments of the true motion of each drive are kept, None: all.
     """
+
+    of_line: UnionType
+    """Faults that concern every drive, regardless of their node."""
 
     def __init__(self, seed: int | str, longest: int | None) -> None:
         self.queue = TimerQueue()
@@ -200,40 +206,51 @@ class DriveBench:
         self._schedule = FaultSchedule(self.queue.plan)
         self.by_node: dict[int, Drive] = {}
         """Each drive by its number on the bus."""
+        self.timed: list[Ticking] = []
 
-    def drawn(self, slot: DriveOnBus) -> tuple[DriveSettings, Hand | None]:
-        """Return the settings of a drive, as drawn from the seed, and the hand on its handle with its faults."""
-        settings = replace(drawn_settings(self._seed, slot.node), position=slot.position, velocity=slot.velocity)
-        return settings, faulty_hand(slot.hand, faults.faults_of(slot.faults, slot.node))
+    def drawn(self, slot: DriveOnBus) -> DriveSettings:
+        """Return the settings of a drive, as drawn from the seed."""
+        drawn = drawn_settings(self._seed, slot.node)
+        return replace(drawn, position=slot.position, velocity=slot.velocity, led=slot.led)
 
-    def follow(
-        self,
-        drive: Drive,
-        slot: DriveOnBus,
-        of_line: UnionType | type[object],
-        install: Callable[[faults.LastingFault], None],
-        action: Callable[[TimedFault], Action],
-    ) -> None:
+    def follow(self, drive: Drive, slot: DriveOnBus) -> None:
         """Install the faults of a drive that exist from power-on, and schedule the others from *operation enabled* on.
 
-        The faults `of_line` concern every drive, regardless of their node; `action` returns the effect of a fault.
+        The drive is among those of the bus already.
         """
         self.by_node[slot.node] = drive
         drive.plant.recorder.longest = self._longest
         timed: list[TimedFault] = []
         for fault in slot.faults:
-            if not isinstance(fault, of_line) and fault.node not in (None, slot.node):
+            if not isinstance(fault, self.of_line) and fault.node not in (None, slot.node):
                 continue
             if isinstance(fault, faults.LastingFault):
-                install(fault)
+                self.install(fault, slot.node)
             elif not isinstance(fault, faults.HandFault):
                 timed.append(fault)
-        drive.on_enabled = partial(self._schedule.begin, timed, slot.node, action)
+        drive.on_enabled = partial(self._schedule.begin, timed, slot.node, partial(self.action, slot.node))
         drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
 
-    def plan_fault(self, fault: TimedFault, action: Action, t_ns: int) -> None:
-        """Plan a fault whose `at` counts from `t_ns`."""
-        self.queue.plan(t_ns + round(fault.at * 1e9), action)
+    @abstractmethod
+    def install(self, fault: faults.LastingFault, node: int) -> None:
+        """Apply a fault that exists from power-on; raises ValueError for one that this drive cannot have."""
+
+    @abstractmethod
+    def action(self, node: int, fault: TimedFault) -> Action:
+        """Return the action of a fault on its drive or on the bus."""
+
+    def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
+        """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
+        self.queue.plan(t_ns + round(fault.at * 1e9), self.action(node, fault))
+
+    @property
+    def next_due_ns(self) -> int:
+        """Return the time of the next timer or planned action; NEVER_NS when there is none."""
+        due_ns = self.queue.due_ns
+        for timer in self.timed:
+            if timer.due_ns < due_ns:
+                due_ns = timer.due_ns
+        return due_ns
 
 
 class DrivenBus(ABC):
@@ -250,6 +267,11 @@ class DrivenBus(ABC):
     @abstractmethod
     def reached_ns(self) -> int:
         """Return the instant up to which all events have been run."""
+
+    def let_happen(self, node: int, fault: TimedFault) -> None:
+        """Plan a fault of a drive or of its bus; its `at` counts from the present."""
+        self.run()
+        self._bench.let_happen(fault, node, self.reached_ns)
 
     def body(self, node: int) -> Body:
         """Return the shaft of a drive."""

@@ -180,8 +180,7 @@ def hand_named(name: str) -> Hand | None:
     """Return the hand of this name, None for `none`; raises UsageError for an unknown name."""
     if name in HANDS:
         return HANDS[name]
-    own = foreign_part(GROUP, "hand", name, Hand, HANDS, hand_faults)
-    if own is None:
+    if (own := foreign_part(GROUP, "hand", name, Hand, HANDS, hand_faults)) is None:
         raise UsageError(f'no hand "{name}"; hands are: {", ".join([*HANDS, *entry_point_names(GROUP)])}')
     return own
 

@@ -40,11 +40,6 @@ class NamedDrive:
     node: int
 
 
-def drives_of(channel: str) -> list[NamedDrive]:
-    """Parse the drives of a channel; raises UsageError when one is not written as `profile@node-ID`."""
-    return [drive_of(item) for item in channel.split(",")]
-
-
 def drive_of(text: str, nodes: Sequence[int] = _NODES) -> NamedDrive:
     """Parse one drive, `profile@node-ID`; raises UsageError when it is written otherwise."""
     name, _, number = text.strip().rpartition("@")
@@ -236,8 +231,7 @@ def numbered(texts: Sequence[str], first: int, nodes: Sequence[int]) -> list[Nam
     """
     asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
     taken = [drive_of(text, nodes).node for text, asks in zip(texts, asking, strict=True) if asks]
-    twice = sorted({node for node in taken if taken.count(node) > 1})
-    if twice:
+    if twice := sorted({node for node in taken if taken.count(node) > 1}):
         raise UsageError(f"node-ID {', '.join(map(str, twice))} is used twice")
     if first not in nodes:
         raise UsageError(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")

@@ -11,6 +11,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import Hand
 
 NODE = 5
@@ -48,9 +49,8 @@ class DriveBench:
     ) -> None:
         self.t_ns = 0
         self.sent: list[tuple[int, Frame]] = []
-        self.slave = Slave(
-            NODE, drive_profile or profile(), drive_axis or axis(), self._sent, hand, settings or DriveSettings()
-        )
+        slot = DriveOnBus(NODE, drive_profile or profile(), drive_axis or axis(), hand)
+        self.slave = Slave(slot, self._sent, settings or DriveSettings())
         self.drive, self.node = self.slave.drive, self.slave.node
         self.slave.power_on(0, booted=booted)
 

@@ -11,7 +11,7 @@ from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.sim.hand import HANDS, LEADER, Hand, grip, hand_named
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
-from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.motion import FORCE, Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
@@ -28,7 +28,7 @@ def _force(name: str, times: Matrix) -> Matrix:
     plant.start_hand()
     plant.advance(100_000_000 + round(times.max() * 1e9))
     trajectory = Trajectory(plant.recorder, plant.t_ns)
-    return trajectory.hand_force(100_000_000 + np.round(times * 1e9).astype(np.int64)) / RATIO
+    return trajectory.states(100_000_000 + np.round(times * 1e9).astype(np.int64))[:, FORCE] / RATIO
 
 
 def _expected(name: str, t: float) -> float:

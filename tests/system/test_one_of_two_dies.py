@@ -86,7 +86,7 @@ class Gateway(SimulatedLine):
         if asked.unit != self.dead or t_ns < self.died_ns:
             super()._execute(asked, t_ns)
             return
-        octets = self._requests.station.frame(asked, exception_for(asked, 11))
+        octets = self._requests.frame(asked, exception_for(asked, 11))
         self._comes(t_ns + self._way_ns, octets)
 
 

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 
 import can
 from can.typechecking import CanFilters
@@ -24,7 +23,7 @@ from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.host_request import drives_of, slot_of
+from haptic_fieldbus.sim.host_request import drive_of, slot_of
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
@@ -72,9 +71,14 @@ class SimulatedBus(can.BusABC):
         # BusABC.__del__ calls shutdown(), also after an __init__ that raised.
         self._is_shutdown = True  # until the end of this method there is nothing to shut down
         self._channel = channel if world is None else None
-        self.world = world or _shared_world(
-            channel, bitrate, clock, partial(_new_world, channel, bitrate, seed, hand, workspace, profiles)
-        )
+
+        def make(clock: Clock) -> World:
+            made = World(clock, bitrate, seed, _LONGEST)
+            for drive in map(drive_of, channel.split(",")):
+                made.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
+            return made
+
+        self.world = world or _shared_world(channel, bitrate, clock, make)
         self.channel_info = f"haptic_sim {channel}".rstrip()
         self.pace = self.world.pace
         self.controller = self.pace.attach(receive_own=receive_own_messages)
@@ -193,8 +197,7 @@ def _shared_world(channel: str, bitrate: int, clock: Clock | None, make: Callabl
     later caller is ignored.
     """
     with _CHANNELS_LOCK:
-        shared = _CHANNELS.get(channel)
-        if shared is None:
+        if (shared := _CHANNELS.get(channel)) is None:
             try:
                 world = make(clock or MonotonicClock())
             except (HapticFieldbusError, ValueError) as error:
@@ -212,12 +215,3 @@ def _release(channel: str) -> None:
         shared.users -= 1
         if not shared.users:
             del _CHANNELS[channel]
-
-
-def _new_world(
-    channel: str, bitrate: int, seed: int, hand: str, workspace: str, profiles: str | None, clock: Clock
-) -> World:
-    world = World(clock, bitrate, seed, _LONGEST)
-    for drive in drives_of(channel):
-        world.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
-    return world

@@ -4,56 +4,19 @@ Frames come from a wire, simulated or real, and leave through the ports. Everyth
 the encoder's zero within a count, boot time) is drawn from the seed.
 """
 
-from dataclasses import replace
+from collections.abc import Callable
 from functools import partial
-from typing import Protocol, assert_never
+from typing import assert_never
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.canopen.link import Frame, Port
-from haptic_fieldbus.sim.canopen.services.basics import Alarms
 from haptic_fieldbus.sim.canopen.slave import Slave
-from haptic_fieldbus.sim.drive.core import Operation
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
 
-# Application of each kind of fault to the simulated slave or to its bus.
-
-
-class Line(Protocol):
-    """The bus and the master's side of it, for faults that are not faults of a drive."""
-
-    def bus_off(self, t_ns: int, until_ns: int) -> None: ...
-
-    def interface_down(self, t_ns: int, until_ns: int) -> None: ...
-
-    def error_frame(self, t_ns: int) -> None: ...
-
-    def disturb(self, fault: faults.Disturbance) -> None: ...
-
-    def foreign_frame(self, can_id: int, data: bytes) -> None: ...
-
-    def host_fault(self, fault: faults.HostFault) -> None: ...
-
-
-def install_fault(fault: faults.LastingFault, slave: Slave) -> None:
-    """Apply a fault that exists from power-on; call it before the slave is powered on."""
-    match fault:
-        case faults.MissingNode():
-            slave.silent_until_ns = NEVER_NS
-        case faults.WrongIdentity(vendor_id=vendor_id, product_code=product_code):
-            for subindex, value in ((1, vendor_id), (2, product_code)):
-                if value is not None:
-                    entry = slave.drive.dictionary.find(0x1018, subindex)
-                    # The default changes too, so that a reset of the node does not bring back the right identity.
-                    entry.start_with(value)
-        case faults.SdoRefusal(object=index, subindex=subindex, code=code):
-            slave.node.sdo.refuse[index, subindex] = code
-        case faults.DeadGuard(factor=factor):
-            slave.node.slow_guards(factor)
-        case _:
-            assert_never(fault)
+# Application of each kind of fault to the simulated slave; those of its bus are applied by the bus.
 
 
 def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) -> None:
@@ -74,9 +37,9 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
         case faults.MissingTpdos(count=count):
             slave.node.process.skip_tpdos += count
         case faults.MissingRpdos(count=count):
-            slave.node.lose_rpdos(count)
+            slave.node.lose(slave.node.process.lost_rpdos, count)
         case faults.SyncIgnored(count=count):
-            slave.node.lose_syncs(count)
+            slave.node.lose(slave.node.process.lost_syncs, count)
         case faults.HeartbeatLost():
             slave.node.heartbeat_enabled = False
         case faults.DuplicateNode():
@@ -85,58 +48,33 @@ def inject(fault: faults.DriveFaultKind, slave: Slave, plan: Plan, t_ns: int) ->
             inject_drive(fault, slave.drive, plan, t_ns)
 
 
-def inject_line(fault: faults.LineFault | faults.HostFault, line: Line, plan: Plan, t_ns: int) -> None:
-    """Apply a fault of the bus or of the host that happens at `t_ns`."""
-    match fault:
-        case faults.BusOff(duration=duration):
-            line.bus_off(t_ns, until(t_ns, duration))
-        case faults.InterfaceDown(duration=duration):
-            line.interface_down(t_ns, until(t_ns, duration))
-        case faults.ErrorFrame():
-            line.error_frame(t_ns)
-        case faults.ForeignFrame(can_id=can_id, data=data, count=count, interval=interval):
-            line.foreign_frame(can_id, bytes(data))
-            if count > 1:
-                rest = faults.ForeignFrame(fault.kind, fault.at, can_id, data, count - 1, interval)
-                plan(until(t_ns, interval), lambda next_ns: inject_line(rest, line, plan, next_ns))
-        case faults.HostLate() | faults.HostPaused() | faults.ClockStep() | faults.SlowCompute():
-            line.host_fault(fault)
-        case _:
-            line.disturb(fault)
-
-
 KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 """Kinds of faults that a bus and its drives may have."""
 
 
 class SimulatedDrives(DriveBench):
-    """The slaves by node-ID; all times are those of one clock [ns].
+    """The slaves by node-ID; all times are those of one clock [ns]."""
 
-    `line` is the simulated bus; None for a real bus, on which no faults can be simulated.
-    """
+    of_line = LineFault | HostFault
+    inject_line: Callable[[LineFault | HostFault, int], None] | None = None
+    """Applies a fault of the bus or of the host; None for a real bus, on which no faults can be simulated."""
 
-    def __init__(self, line: Line | None, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+    def __init__(self, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
         self.slaves: dict[int, Slave] = {}
         self.attached: list[tuple[Port, Slave]] = []
         self.due_ns = NEVER_NS
         """Time of the next timer or planned action; NEVER_NS when there is none."""
-        self._timers: list[Operation | Alarms] = []
-        """Timers of the slaves, each with a `due_ns` of its own."""
-        self._line = line
         self.plan = self.queue.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
         """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
         self.check_free(slot.node)
-        settings, hand = self.drawn(slot)
-        settings = replace(settings, led=slot.led)
-        slave = Slave(slot.node, slot.profile, slot.axis, port.send, hand, settings, t_ns=t_ns)
-        install, action = partial(install_fault, slave=slave), partial(self._action, slave)
-        self.follow(slave.drive, slot, LineFault | HostFault, install, action)
+        slave = Slave(with_faulty_hand(slot), port.send, self.drawn(slot), t_ns)
         self.slaves[slot.node] = slave
+        self.follow(slave.drive, slot)
         self.attached.append((port, slave))
-        self._timers += slave.drive.operation, slave.node.alarms
+        self.timed += slave.drive.operation, slave.node.alarms
         slave.power_on(t_ns, booted=slot.booted)
         self.find_due()
         return slave
@@ -174,21 +112,32 @@ class SimulatedDrives(DriveBench):
 
     def find_due(self) -> None:
         """Update `due_ns`; call it after anything that may have changed a slave's timers."""
-        due_ns = self.queue.due_ns
-        for timers in self._timers:
-            if timers.due_ns < due_ns:
-                due_ns = timers.due_ns
-        self.due_ns = due_ns
+        self.due_ns = self.next_due_ns
 
     def let_happen(self, fault: TimedFault, node: int, t_ns: int) -> None:
-        """Plan a fault of a drive or of the bus, whose `at` counts from `t_ns`."""
-        self.plan_fault(fault, self._action(self.slaves[node], fault), t_ns)
+        super().let_happen(fault, node, t_ns)
         self.find_due()
 
-    def _action(self, slave: Slave, fault: TimedFault) -> Action:
-        """Return the action of a fault on its drive or on the line."""
-        if isinstance(fault, LineFault | HostFault) and self._line is not None:
-            return partial(inject_line, fault, self._line, self.plan)
+    def install(self, fault: faults.LastingFault, node: int) -> None:
+        slave = self.slaves[node]
+        match fault:
+            case faults.MissingNode():
+                slave.silent_until_ns = NEVER_NS
+            case faults.WrongIdentity(vendor_id=vendor_id, product_code=product_code):
+                for subindex, value in ((1, vendor_id), (2, product_code)):
+                    if value is not None:
+                        # The default changes too, so that a reset of the node does not bring back the right identity.
+                        slave.drive.dictionary.find(0x1018, subindex).start_with(value)
+            case faults.SdoRefusal(object=index, subindex=subindex, code=code):
+                slave.node.sdo.refuse[index, subindex] = code
+            case faults.DeadGuard(factor=factor):
+                slave.node.slow_guards(factor)
+            case _:
+                assert_never(fault)
+
+    def action(self, node: int, fault: TimedFault) -> Action:
+        if isinstance(fault, LineFault | HostFault) and self.inject_line is not None:
+            return partial(self.inject_line, fault)
         if not isinstance(fault, DriveFaultKind):
             raise ValueError(f"drives on CAN do not support the fault {fault.kind}")
-        return partial(inject, fault, slave, self.plan)
+        return partial(inject, fault, self.slaves[node], self.plan)

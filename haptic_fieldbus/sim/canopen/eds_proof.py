@@ -71,7 +71,7 @@ def _change(entry: Entry, other: EdsEntry, node: int) -> SimulatedObject:
     high = type_limits[1] if whole.high is None else whole.high
     return SimulatedObject(
         access=None if same_access and ways is entry.mappable else access,
-        value=None if not _compared(entry, other) or _as_number(whole.value, node) == entry.default else whole.value,
+        value=None if not _compared(entry, other) or other.value(node) == entry.default else whole.value,
         low=None if entry.type is None or low == entry.low else low,
         high=None if entry.type is None or high == entry.high else high,
         mappable=None if ways is entry.mappable else other.mappable,
@@ -87,18 +87,13 @@ def _compared(entry: Entry, other: EdsEntry) -> bool:
 
 
 def _given(other: EdsEntry) -> int | str | None:
-    formula = other.formula
-    if isinstance(formula, NodeOffset):
+    if isinstance(formula := other.formula, NodeOffset):
         return f"$NODEID+0x{formula.offset:X}"
     return _number(formula)
 
 
 def _number(value: object) -> int | None:
     return value if isinstance(value, int) else None
-
-
-def _as_number(value: int | str | None, node: int) -> int | None:
-    return int(value.removeprefix("$NODEID+"), 16) + node if isinstance(value, str) else value
 
 
 _NODE = 5

@@ -29,7 +29,7 @@ from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.bench import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
-from haptic_fieldbus.sim.canopen.link import Frame, Port, arbitration_key
+from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 # The port of hosted drives to a python-can bus that may go down, and come back.
@@ -93,17 +93,16 @@ class HostPort:
 
     def receive(self, longest_ns: int) -> Frame | None:
         """Return the next frame; None when none comes within `longest_ns`, or the bus is down."""
-        received = None
+        if self._port is None:
+            self._open()
+            self._pause(longest_ns)
+            return None
         try:
-            if self._port is not None:
-                received = self._port.receive(max(0, longest_ns) * 1e-9)
+            received = self._port.receive(max(0, longest_ns) * 1e-9)
         except FOREIGN as error:
             self._failed(error)
             self._pause(longest_ns)
-        else:
-            if self._port is None:
-                self._open()
-                self._pause(longest_ns)
+            return None
         if received is None or received is OURS:
             return None
         can_id, data = received
@@ -223,7 +222,7 @@ class Host:
         self._bitrate = bitrate
         self._served_ns = clock.now_ns()
         """Time up to which all events have been served."""
-        self._drives = SimulatedDrives(None, seed, LONGEST_REMEMBERED)
+        self._drives = SimulatedDrives(seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes at the last setting of the frame filter."""
 
@@ -258,8 +257,7 @@ class Host:
     def _catch_up(self, now_ns: int) -> None:
         """Serve all timers that are due, each with its own instant."""
         self._served_ns = now_ns
-        while self._drives.due_ns <= now_ns:
-            due_ns = self._drives.due_ns
+        while (due_ns := self._drives.due_ns) <= now_ns:
             self._drives.timers(due_ns)
             self._flush(due_ns)
 
@@ -268,10 +266,9 @@ class Host:
         # Before an answer is sent that lets a master use what has changed.
         self._focus()
         for _ in range(_BURST):
-            waiting = [port for port, _slave in self._drives.attached if port.waiting]
-            if not waiting:
+            if not (waiting := [port for port, _slave in self._drives.attached if port.waiting]):
                 return
-            port = min(waiting, key=lambda port: arbitration_key(port.candidate()))
+            port = min(waiting, key=Port.urgency)
             frame = port.take()
             self._host_port.send(frame)
             self._drives.receive(frame, port, t_ns)

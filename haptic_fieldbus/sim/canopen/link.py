@@ -4,7 +4,7 @@ from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -157,6 +157,10 @@ class Port:
         """Return the frame that takes part in the next arbitration; of equal priorities the older one."""
         return self.waiting[0] if self.in_order or len(self.waiting) == 1 else min(self.waiting, key=arbitration_key)
 
+    def urgency(self) -> int:
+        """Return the arbitration key of that frame."""
+        return arbitration_key(self.candidate())
+
     def take(self) -> Frame:
         """Take that frame out of the queue."""
         if self.in_order or len(self.waiting) == 1:
@@ -164,10 +168,6 @@ class Port:
         frame = self.candidate()
         self.waiting.remove(frame)
         return frame
-
-
-def _urgency(port: Port) -> int:
-    return arbitration_key(port.candidate())
 
 
 class Wire:
@@ -212,7 +212,7 @@ class Wire:
     def start(self, t_ns: int) -> None:
         """Arbitrate at `t_ns` and put the winning frame on the wire."""
         contenders = [port for port in self.ports if port.waiting]
-        self.sender = winner = contenders[0] if len(contenders) == 1 else min(contenders, key=_urgency)
+        self.sender = winner = contenders[0] if len(contenders) == 1 else min(contenders, key=Port.urgency)
         self._frame = frame = winner.take()
         bits, durations = wire_bits(frame), self._durations
         self.end_ns = end_ns = t_ns + durations[bits]
@@ -226,8 +226,7 @@ class Wire:
 
     def finish(self) -> Frame:
         """Take the received frame off the wire and return it; raises RuntimeError when there is none."""
-        frame = self._frame
-        if frame is None:
+        if (frame := self._frame) is None:
             raise RuntimeError("nothing is on the wire")
         self._frame = None
         self.end_ns = NEVER_NS
@@ -348,31 +347,16 @@ _FUNCTIONS: dict[faults.FrameGroup, tuple[int, ...]] = {
 _BROADCAST: tuple[faults.FrameGroup, ...] = ("sync", "nmt")
 
 
-@dataclass
-class _Active:
-    fault: faults.Disturbance
-    left: int
+def frames_arriving(active: list[faults.Disturbance], frame: Frame) -> Sequence[tuple[int, Frame]]:
+    """Return the frames that arrive for a sent frame, as (additional delay [ns], frame).
 
-
-class Disturbances:
-    """The disturbances that are at work; `active` is empty when there is none."""
-
-    def __init__(self) -> None:
-        self.active: list[_Active] = []
-
-    def add(self, fault: faults.Disturbance) -> None:
-        """Disturb the next frames of a service."""
-        self.active.append(_Active(fault, fault.count))
-
-    def arriving(self, frame: Frame) -> Sequence[tuple[int, Frame]]:
-        """Return the frames that arrive for a sent frame, as (additional delay [ns], frame)."""
-        for active in self.active:
-            if _concerns(active.fault, frame):
-                active.left -= 1
-                if not active.left:
-                    self.active.remove(active)
-                return _disturbed(active.fault, frame)
-        return ((0, frame),)
+    `active` are the disturbances at work; the `count` of each is what is left of it.
+    """
+    for place, fault in enumerate(active):
+        if _concerns(fault, frame):
+            active[place : place + 1] = [replace(fault, count=fault.count - 1)] if fault.count > 1 else []
+            return _disturbed(fault, frame)
+    return ((0, frame),)
 
 
 def _concerns(fault: faults.Disturbance, frame: Frame) -> bool:

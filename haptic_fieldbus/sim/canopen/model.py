@@ -161,7 +161,10 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
         entry = implemented.get((described.index, described.subindex))
         if entry is not None and _understood(entry, described):
             _take_over(entry, described, node)
-        elif described.index not in _PDO_RECORDS or (described.index in pdos and not _beyond(described)):
+        elif described.index not in _PDO_RECORDS or (
+            # CiA 301, 7.5.2.36: no PDO can have further mapping entries.
+            described.index in pdos and (not described.index & MAPPING or described.subindex <= MOST_ENTRIES)
+        ):
             dictionary.add(_stored_entry(described, node))
     lone = [
         f"{index:04X}h: the other record of this PDO is missing; the PDO is omitted"
@@ -173,11 +176,6 @@ def extend(dictionary: Dictionary, eds: Eds, node: int) -> tuple[str, ...]:
         source = eds.find(entry.index, entry.subindex)
         entry.numbered = source is not None and isinstance(source.formula, NodeOffset)
     return notes
-
-
-def _beyond(described: EdsEntry) -> bool:
-    """Return whether this is a mapping entry that no PDO can have (CiA 301, 7.5.2.36)."""
-    return described.index & MAPPING != 0 and described.subindex > MOST_ENTRIES
 
 
 def _understood(entry: Entry, described: EdsEntry) -> bool:
@@ -229,8 +227,7 @@ def _stored_entry(described: EdsEntry, node: int) -> Entry:
     """Return an entry that only stores its value."""
     access, value = ACCESS[described.access], described.value(node)
     mappable = _ways(described.access, described.mappable)
-    type = data_type(described)
-    if type is not None:
+    if (type := data_type(described)) is not None:
         low, high = _limits(described, type)
         # Without a default in the file: 0, or the limit nearest to it.
         initial = value if isinstance(value, int) else max(low, min(high, 0))
@@ -250,7 +247,7 @@ def _octets(described: EdsEntry, access: Access, value: int | float | str | byte
     room = {None: UNKNOWN_OCTETS, EdsType.DOMAIN: DOMAIN_OCTETS}.get(described.type, STRING_OCTETS)
     accept = None if size is None else one_of((size,), AbortCode.TOO_SHORT)
     return Entry(described.index, described.subindex, None, access=access, text=_initial(described, value, size),
-                 capacity=size or room, accept=accept)  # fmt: skip
+                 limits=(0, size or room), accept=accept)  # fmt: skip
 
 
 def _initial(described: EdsEntry, value: int | float | str | bytes | None, size: int | None) -> bytes:
@@ -277,19 +274,15 @@ def _set_up_pdos(
 
     An entry of a PDO that the file lacks is not accessible, but the drive still uses it.
     """
-    records: dict[int, dict[int, Entry]] = {}
-    for (index, subindex), entry in implemented.items():
-        if index in _PDO_RECORDS:
-            records.setdefault(index, {})[subindex] = entry
     for direction, way in ((Direction.RPDO, Mappable.RPDO), (Direction.TPDO, Mappable.TPDO)):
         for index in (COMMUNICATION[direction].start - 1 + number for number in pdo_shape(eds, direction)):
-            communication, mapping = records[index], records[index + MAPPING]
+            communication = {subindex: entry for (at, subindex), entry in implemented.items() if at == index}
+            mapping = {subindex: entry for (at, subindex), entry in implemented.items() if at == index + MAPPING}
             for subindex, entry in communication.items():
                 entry.start_with(_given(eds, index, subindex, node, _LEFT_OPEN.get(subindex, 0)))
             for subindex, entry in mapping.items():
                 entry.start_with(_given(eds, index + MAPPING, subindex, node, 0))
-            reason = _unmappable(dictionary, mapping, way)
-            if reason:
+            if reason := _unmappable(dictionary, mapping, way):
                 yield f"{index + MAPPING:04X}h: {reason}; this PDO is left without objects"
                 mapping[0].start_with(0)
                 communication[1].start_with(communication[1].default | INVALID)
@@ -388,7 +381,14 @@ def _stored(index: int, subindex: int, described: SimulatedObject, node: int) ->
     """Return an entry that only stores its value; without a type it stores octets."""
     access = described.access or "ro"
     ways = _ways(access, described.mappable)
-    entry = Entry(index, subindex, described.type, access=ACCESS[access], mappable=ways, capacity=OCTETS)
+    entry = Entry(
+        index,
+        subindex,
+        described.type,
+        access=ACCESS[access],
+        mappable=ways,
+        limits=(0, OCTETS) if described.type is None else None,
+    )
     _set_limits(entry, described)
     _set_value(entry, described.value if described.value is not None else max(entry.low, min(entry.high, 0)), node)
     return entry

@@ -15,6 +15,7 @@ from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry, Mappable
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 BIT_RATES = (10, 20, 50, 125, 250, 500, 800, 1000)
 """Bit rates of the standard [kbit/s]; the simulated wire takes any."""
@@ -50,7 +51,7 @@ def sheet(profile: DriveProfile) -> Eds:
 def dictionary_of(profile: DriveProfile, node: int) -> Dictionary:
     """Return the dictionary of the simulated drive with this profile and node-ID, on the shipped bench."""
     axis = default_axis(Workspace.LINEAR, bus="", node=node, profile=profile.name)
-    return Slave(node, profile, axis, lambda _frame: None).drive.dictionary
+    return Slave(DriveOnBus(node, profile, axis), lambda _frame: None).drive.dictionary
 
 
 def _default(entry: Entry, other: Entry) -> EdsValue | None:

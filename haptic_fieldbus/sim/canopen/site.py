@@ -33,8 +33,7 @@ class WorldPort(PythonCanPort):
         self._send(self._controller, frame, None)
 
     def receive(self, seconds: float) -> Received | None:
-        received = self._receive(self._controller, seconds, None)
-        if received is None:
+        if (received := self._receive(self._controller, seconds, None)) is None:
             return None
         _, (can_id, data, extended, remote), own, error = received
         if own:

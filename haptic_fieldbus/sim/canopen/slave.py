@@ -10,13 +10,13 @@ a parameter or the state changes.
 Pure: it takes frames and times [ns] and sends frames through `send`.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
 
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
-from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import RigAxis
+from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.protocols.canopen.eds_values import number_of, velocity_unit
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, canopen_profile
@@ -28,31 +28,22 @@ from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, Alarms, Han
 from haptic_fieldbus.sim.canopen.services.communication import BitTiming, NodeObjects, Storage, TimeConsumer
 from haptic_fieldbus.sim.canopen.services.lss import BIT_RATES, REQUEST_ID, UNCONFIGURED, LssSlave
 from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
-from haptic_fieldbus.sim.canopen.services.process import Application, ProcessData
+from haptic_fieldbus.sim.canopen.services.process import Losses, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.settings import DriveSettings
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 SDO_RESPONSE_ID = 0x580
 SDO_REQUEST_ID = 0x600
-_CONSUMERS = 4
-"""Number of nodes that can be monitored."""
 _EVERYTHING, _COMMUNICATION = (0x1000, 0xFFFF), (0x1000, 0x1FFF)
 
 
 class Node:
     """One CANopen slave."""
 
-    def __init__(
-        self,
-        number: int,
-        dictionary: Dictionary,
-        application: Application,
-        send: Callable[[Frame], None],
-        options: NodeOptions,
-    ) -> None:
+    def __init__(self, number: int, drive: Drive, send: Callable[[Frame], None], options: NodeOptions) -> None:
         self.number = number
         self.state = nmt.NmtState.INITIALISING
         self.handlers: dict[int, Handler] = {}
@@ -60,9 +51,9 @@ class Node:
         self.now_ns = 0
         self.heartbeat_enabled = True
         """False: the node sends no heartbeats, regardless of 1017h, and answers no node guarding."""
-        self.dictionary = dictionary
+        self.dictionary = dictionary = drive.dictionary
         self.sdo = SdoServer(dictionary)
-        self._application = application
+        self._drive = drive
         self._send = send
         self._options = options
         self.alarms = alarms = Alarms()
@@ -70,12 +61,12 @@ class Node:
         self._sdo_alarm = alarms.new(lambda _t_ns: self._respond(self.sdo.expire()))
         self._bit_timing = BitTiming(BIT_RATES[0], alarms, lambda: self.lss.bitrate, lambda: self.now_ns, self._route)
         self.emergencies = nmt.Emergencies(dictionary, self._send_emergency, alarms, lambda: self.now_ns)
-        self._producer = nmt.Producer(dictionary, alarms, lambda: self.now_ns, self._beat)
-        consumers = _CONSUMERS if options.consumer is not None else 0
-        self.consumers = nmt.Consumers(
-            dictionary, options.consumer or 0, consumers, alarms, self._route, self._link_lost, self._link_back
+        self._producer = nmt.Producer(
+            dictionary, alarms, lambda: self.now_ns, lambda: self._tell_state(bytes((self.state.value,)))
         )
-        self._guarding = nmt.Guarding(dictionary, alarms, self._link_lost, self._link_back)
+        watching = self._link_lost, self._link_back
+        self.consumers = nmt.Consumers(dictionary, options.consumer, alarms, self._route, *watching)
+        self._guarding = nmt.Guarding(dictionary, alarms, *watching)
         self.time = TimeConsumer(dictionary, lambda: self.now_ns, self._route)
         self._objects = NodeObjects(dictionary, number)
         self._storage = Storage(dictionary)
@@ -83,7 +74,7 @@ class Node:
             self._objects.identity, number, BIT_RATES[0], self._reset_communication, self._bit_timing.activate
         )
         self.process = ProcessData(
-            dictionary, application, self.emergencies, self._emit, self._route, alarms,
+            drive, self.emergencies, self._emit, self._route, alarms,
             options.rpdos, options.tpdos, options.acts_at_sync,
         )  # fmt: skip
 
@@ -109,8 +100,7 @@ class Node:
                 self.now_ns = t_ns
                 requested(t_ns)
             return
-        handler = self.handlers.get(frame.can_id)
-        if handler is not None:
+        if (handler := self.handlers.get(frame.can_id)) is not None:
             self.now_ns = t_ns
             handler(frame.data, t_ns)
 
@@ -124,9 +114,9 @@ class Node:
         # 6007h makes no difference: the power-on state has no torque and no fault.
         self._initialise(t_ns, t_ns + (self._options.reset_ns if boot_ns is None else boot_ns), power_on=True)
 
-    def lose_rpdos(self, count: int | None) -> None:
-        """Lose the next `count` RPDOs inside the node (a fault), None: all of them."""
-        self.process.lose_rpdos(count)
+    def lose(self, frames: Losses, count: int | None) -> None:
+        """Lose the next `count` of these frames inside the node (a fault), None: all of them."""
+        frames.left = math.inf if count is None else count
         self._route()
 
     def slow_guards(self, factor: float | None) -> None:
@@ -134,15 +124,10 @@ class Node:
         for watch in (*self.consumers.watches, self._guarding):
             watch.factor = factor
 
-    def lose_syncs(self, count: int | None) -> None:
-        """Lose the next `count` SYNC messages inside the node (a fault), None: all of them."""
-        self.process.lose_syncs(count)
-        self._route()
-
     # States.
 
     def _reset_communication(self) -> None:
-        self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+        self._drive.link_lost(nmt.DISCONNECTED, self.now_ns)
         self._initialise(self.now_ns, self.now_ns + self._options.reset_ns, power_on=False)
 
     def _initialise(self, t_ns: int, boot_ns: int | None, *, power_on: bool) -> None:
@@ -166,7 +151,7 @@ class Node:
         self.emergencies.restart(power_on=power_on)
         if power_on:
             self.time.forget()
-            self._application.restart(t_ns)
+            self._drive.restart(t_ns)
         self._boot_alarm.at(NEVER_NS if boot_ns is None else boot_ns)
         # Last, when all parameters have their power-on values.
         self.process.compile()
@@ -174,7 +159,7 @@ class Node:
 
     def _boot(self, t_ns: int) -> None:
         self._route()
-        if not self._has_node_id:
+        if self.lss.active_node == UNCONFIGURED:
             return
         self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((nmt.NmtState.INITIALISING.value,))))
         self._producer.start(t_ns)
@@ -185,7 +170,7 @@ class Node:
             return
         if state is nmt.NmtState.STOPPED:
             # Before the state is entered, in which no emergency is sent.
-            self._application.link_lost(nmt.DISCONNECTED, self.now_ns)
+            self._drive.link_lost(nmt.DISCONNECTED, self.now_ns)
         self.state = state
         if state is nmt.NmtState.OPERATIONAL:
             self.process.start(self.now_ns)
@@ -199,7 +184,8 @@ class Node:
     def _route(self) -> None:
         """Rebuild the handlers for the present state and parameters."""
         works = nmt.WORKING[self.state]
-        if self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS and not self._has_node_id:
+        waits = self.state is nmt.NmtState.INITIALISING and self._boot_alarm.due_ns == NEVER_NS
+        if waits and self.lss.active_node == UNCONFIGURED:
             # No boot-up is pending: LSS alone can bring the node further.
             works = nmt.WITHOUT_NODE_ID
         handlers: dict[int, Handler] = {}
@@ -219,10 +205,6 @@ class Node:
             requests[nmt.HEARTBEAT_ID + self.number] = self._guard
         self.handlers, self.requests = (handlers, requests) if self._bit_timing.on_bus else ({}, {})
 
-    @property
-    def _has_node_id(self) -> bool:
-        return self.lss.active_node != UNCONFIGURED
-
     # Services.
 
     def _nmt(self, data: bytes, t_ns: int) -> None:
@@ -238,12 +220,9 @@ class Node:
             self._reset_communication()
 
     def _sdo(self, data: bytes, t_ns: int) -> None:
-        self._application.measure(t_ns)
+        self._drive.measure(t_ns)
         self._respond(self.sdo.request(data))
-        if self.sdo.busy:
-            self._sdo_alarm.at(t_ns + TIMEOUT_NS)
-        else:
-            self._sdo_alarm.off()
+        self._sdo_alarm.at(t_ns + TIMEOUT_NS if self.sdo.busy else NEVER_NS)
 
     def _respond(self, responses: list[bytes]) -> None:
         for response in responses:
@@ -253,18 +232,17 @@ class Node:
         # A node that produces heartbeats is not guarded: the heartbeat takes precedence.
         if self._producer.active:
             return
-        answer = self._guarding.request(self.state.value, t_ns)
-        if self.heartbeat_enabled:
-            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, answer))
+        self._tell_state(self._guarding.request(self.state.value, t_ns))
 
-    def _beat(self) -> None:
+    def _tell_state(self, data: bytes) -> None:
+        """Send a heartbeat, or the answer to node guarding."""
         if self.heartbeat_enabled:
-            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, bytes((self.state.value,))))
+            self._emit(Frame(nmt.HEARTBEAT_ID + self.number, data))
 
     def _link_lost(self, t_ns: int) -> None:
         """Handle the loss of a monitored node or of the guarding master: emergency, 6007h, and 1029h."""
         self.emergencies.raise_error(nmt.HEARTBEAT_LOST)
-        self._application.link_lost(nmt.HEARTBEAT_LOST, t_ns)
+        self._drive.link_lost(nmt.HEARTBEAT_LOST, t_ns)
         self._enter(nmt.AFTER_ERROR.get((self._objects.behaviour.value, self.state), self.state))
 
     def _link_back(self) -> None:
@@ -284,8 +262,7 @@ class Node:
     # LSS.
 
     def _lss(self, data: bytes, _t_ns: int) -> None:
-        response = self.lss.request(data)
-        if response is not None:
+        if (response := self.lss.request(data)) is not None:
             self._emit(Frame(lss.RESPONSE_ID, response))
 
 
@@ -309,13 +286,15 @@ Named = TypeVar("Named", OptionCode, MappedObject)
 def with_quirks(profile: CanopenProfile, settings: DriveSettings) -> tuple[CanopenProfile, DriveSettings]:
     """Return the profile and the settings with the quirks of the profile applied, to build the drive from."""
     quirks, link_loss, torque = profile.simulation, profile.link_loss, profile.torque
+    eds = profile.eds if isinstance(profile, EdsProfile) else None
+    not_in_file = (index for index in _APPLICATION if eds is not None and index not in eds)
     absent = frozenset(quirks.absent)
     boot_ns = round(quirks.boot_time * _NS)
     settings = replace(
         settings,
-        without=settings.without | absent | _not_in_file(profile),
-        modes=_modes(profile) if settings.modes is None else settings.modes,
-        velocity_unit=_velocity_unit(profile),
+        without=settings.without | absent | frozenset(not_in_file),
+        modes=_modes(profile, eds) if settings.modes is None else settings.modes,
+        velocity_unit=velocity_unit(eds) if eds is not None and number_of(eds, 0x60A9) is not None else None,
         mode_change_ns=max(settings.mode_change_ns, round(quirks.mode_change_time * _NS)),
         start_delay_ns=settings.start_delay_ns + boot_ns,
         reset_ns=settings.reset_ns + boot_ns,
@@ -349,9 +328,7 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
             dictionary.find(index).start_with(value)
-    for entry in dictionary:
-        if entry.subindex != 1 or entry.index not in _PDO_COMMUNICATION:
-            continue
+    for entry in (each for each in dictionary if each.subindex == 1 and each.index in _PDO_COMMUNICATION):
         if quirks.cob_ids_missing:
             entry.start_with(INVALID)
             # Without an identifier there is no node-ID in the value that a new node-ID could change.
@@ -361,32 +338,17 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     return notes
 
 
-def _not_in_file(profile: CanopenProfile) -> frozenset[int]:
-    """Return the objects of CiA 402-2 that a vendor's file does not have; empty for a profile without such a file."""
-    if not isinstance(profile, EdsProfile):
-        return frozenset()
-    return frozenset(index for index in _APPLICATION if index not in profile.eds)
-
-
-def _velocity_unit(profile: CanopenProfile) -> str | None:
-    """Return the unit of 60A9h in a vendor's file; None if the file names no known unit."""
-    if not isinstance(profile, EdsProfile) or number_of(profile.eds, 0x60A9) is None:
-        return None
-    return velocity_unit(profile.eds)
-
-
-def _modes(profile: CanopenProfile) -> frozenset[int] | None:
+def _modes(profile: CanopenProfile, eds: Eds | None) -> frozenset[int] | None:
     """Return the modes of operation of the profile, otherwise of a vendor's file; None without either.
 
     If the file gives no value of 6502h, a mode exists if its target object exists.
     """
     if profile.simulation.modes is not None:
         return frozenset(profile.simulation.modes)
-    if not isinstance(profile, EdsProfile):
+    if eds is None:
         return None
-    value = number_of(profile.eds, 0x6502)
-    if not value:
-        return frozenset(mode for mode, target in _TARGETS.items() if target in profile.eds)
+    if not (value := number_of(eds, 0x6502)):
+        return frozenset(mode for mode, target in _TARGETS.items() if target in eds)
     return frozenset(bit + 1 for bit in range(_FIRST_MANUFACTURER_BIT) if value >> bit & 1)
 
 
@@ -394,26 +356,18 @@ class Slave:
     """A drive joined to its node; it is the `DriveLink` of the drive."""
 
     def __init__(
-        self,
-        number: int,
-        profile: DriveProfile,
-        axis: RigAxis,
-        send: Callable[[Frame], None],
-        hand: Hand | None = None,
-        settings: DriveSettings | None = None,
-        t_ns: int = 0,
+        self, slot: DriveOnBus, send: Callable[[Frame], None], settings: DriveSettings | None = None, t_ns: int = 0
     ) -> None:
         """Build the slave at `t_ns`, without voltage yet."""
-        model, settings = with_quirks(canopen_profile(profile), settings or DriveSettings())
+        model, settings = with_quirks(canopen_profile(slot.profile), settings or DriveSettings())
         self.silent_until_ns = 0
         """Until this time no frame is sent or received."""
         self._frames = send
-        self.drive = Drive(model, axis, self, hand, settings, t_ns)
-        dictionary = self.drive.dictionary
-        self.node = Node(number, dictionary, self.drive, self._send, node_options(number, model, settings))
-        self.not_taken_over = install_quirks(dictionary, model, number)
-        self.drive.units.follow()
+        self.drive = Drive(model, slot, self, settings, t_ns)
+        self.node = Node(slot.node, self.drive, self._send, node_options(slot.node, model, settings))
+        self.not_taken_over = install_quirks(self.drive.dictionary, model, slot.node)
         """Notes on the parts of a vendor's file that this drive cannot take over."""
+        self.drive.units.follow()
 
     def duplicate(self) -> None:
         """Let a second node with the same node-ID join: every frame is sent twice from now on."""
@@ -430,7 +384,7 @@ class Slave:
     @property
     def due_ns(self) -> int:
         """Return the time of the next timer; NEVER_NS when there is none."""
-        return min(self.node.alarms.due_ns, self.drive.due_ns)
+        return min(self.node.alarms.due_ns, self.drive.operation.due_ns)
 
     @property
     def concerns(self) -> frozenset[tuple[int, bool]]:
@@ -460,8 +414,8 @@ class Slave:
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
         # The drive first: the node may send values that the drive computes at the same instant.
-        if self.drive.due_ns <= t_ns:
-            self.drive.timer(t_ns)
+        if self.drive.operation.due_ns <= t_ns:
+            self.drive.operation.timer(t_ns)
         if self.node.alarms.due_ns <= t_ns:
             self.node.timer(t_ns)
 

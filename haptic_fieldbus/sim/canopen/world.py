@@ -17,19 +17,20 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 import can
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
-from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.bench import DrivenBus
+from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.bench import DrivenBus, until
 from haptic_fieldbus.sim.canopen.drives import SimulatedDrives
-from haptic_fieldbus.sim.canopen.link import Controller, Disturbances, Frame, Port, Received, Wire, WireStatistics
+from haptic_fieldbus.sim.canopen.link import Controller, Frame, Port, Received, Wire, WireStatistics, frames_arriving
 from haptic_fieldbus.sim.canopen.slave import Slave
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Disturbance, DriveFaultKind, HostFault, LineFault
+from haptic_fieldbus.sim.faults import Disturbance, HostFault, LineFault
 from haptic_fieldbus.sim.simulation import HostClock
 
 # The pace of a world: its time is advanced by the programs that wait in it, or follows the wall clock.
@@ -84,10 +85,9 @@ class Stepped:
             return world.receive(controller, wait_ns)
         deadline_ns = world.clock.now_ns() + wait_ns
         while True:
-            if timeout is None and world.is_idle and not controller.received:
+            if timeout is None and world.next_ns == NEVER_NS and not controller.received:
                 raise can.CanOperationError("nothing will arrive: no frame is under way, and no drive has one to send")
-            item = world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))
-            if item is None:
+            if (item := world.receive(controller, max(0, deadline_ns - world.clock.now_ns()))) is None:
                 break
             if accept is None or accept(item):
                 return item
@@ -128,9 +128,14 @@ class PacedByClock:
             self._turn.notify_all()
 
     def send(self, controller: Controller, frame: Frame, timeout: float | None) -> None:
+        def full() -> bool:
+            return len(controller.port.waiting) >= TRANSMIT_ROOM and not controller.closed
+
         with self._turn:
-            if len(controller.port.waiting) >= TRANSMIT_ROOM:
-                self._make_room(controller, timeout)
+            if full():
+                self._wait_while(full, max(0, round((timeout or 0.0) * 1e9)))
+                if full():
+                    raise can.CanOperationError("the transmit queue is full", errno.ENOBUFS)
             _check_open(controller)
             if not self._world.send(controller, frame):
                 raise _refused(controller)
@@ -164,14 +169,6 @@ class PacedByClock:
             yield
             # What was changed may cause an event earlier than the one that the waiting threads sleep until.
             self._turn.notify_all()
-
-    def _make_room(self, controller: Controller, timeout: float | None) -> None:
-        def full() -> bool:
-            return len(controller.port.waiting) >= TRANSMIT_ROOM and not controller.closed
-
-        self._wait_while(full, max(0, round((timeout or 0.0) * 1e9)))
-        if full():
-            raise can.CanOperationError("the transmit queue is full", errno.ENOBUFS)
 
     def _wait_while(self, condition: Callable[[], bool], wait_ns: int) -> None:
         """Let time pass, from event to event, while the condition holds and the wait is not over."""
@@ -225,13 +222,14 @@ class World(DrivenBus):
         self.clock = clock
         self.bitrate = bitrate
         self._wire = Wire(bitrate, longest)
-        self._drives = SimulatedDrives(self, seed, longest)
+        self._drives = SimulatedDrives(seed, longest)
+        self._drives.inject_line = self.inject_line
         super().__init__(self._drives)
         self._now_ns = clock.now_ns()
         self._controllers: list[Controller] = []
         self._taps: list[Tap] = []
         self._watches: list[Watch] = []
-        self._disturbances = Disturbances()
+        self._disturbances: list[Disturbance] = []
         self._stranger: Port | None = None
         """Port of another program whose frames are a fault."""
         self.host: HostClock | None = None
@@ -313,8 +311,7 @@ class World(DrivenBus):
 
         The clock advances to the end of the frame, or to the deadline.
         """
-        received = controller.received
-        if not received:
+        if not (received := controller.received):
             deadline_ns = self.clock.now_ns() + timeout_ns
             self._run(deadline_ns, received)
             if not received:
@@ -332,11 +329,6 @@ class World(DrivenBus):
     def next_ns(self) -> int:
         """Return the time of the next event, if no program sends before it; NEVER_NS if there is no further event."""
         return min(self._drives.due_ns, self._wire.end_ns, self._wire.start_ns(self._now_ns))
-
-    @property
-    def is_idle(self) -> bool:
-        """Return whether no event will happen unless a program sends."""
-        return self.next_ns == NEVER_NS
 
     def _run(self, limit_ns: int, until: deque[Received] | None = None) -> None:
         """Run the events up to and including the limit, or until a frame was received."""
@@ -367,8 +359,8 @@ class World(DrivenBus):
 
     def _deliver(self, t_ns: int) -> None:
         frame, sender = self._wire.finish(), self._wire.sender
-        if self._disturbances.active:
-            for later_ns, arriving in self._disturbances.arriving(frame):
+        if self._disturbances:
+            for later_ns, arriving in frames_arriving(self._disturbances, frame):
                 if later_ns:
                     self._drives.plan(t_ns + later_ns, partial(self._pass_on, arriving, sender))
                 else:
@@ -395,42 +387,32 @@ class World(DrivenBus):
 
     # Faults.
 
-    def let_happen(self, node: int, fault: DriveFaultKind | LineFault | HostFault) -> None:
-        """Plan a fault of a drive or of its bus; its `at` counts from the present."""
-        self.run()
-        self._drives.let_happen(fault, node, self._now_ns)
+    def inject_line(self, fault: LineFault | HostFault, t_ns: int) -> None:
+        """Apply a fault of the bus or of the host that happens at `t_ns`.
 
-    def bus_off(self, t_ns: int, until_ns: int) -> None:
-        """Put the controllers of all programs in bus-off (see `injection.Line`)."""
-        for controller in self._controllers:
-            controller.bus_off(t_ns)
-            if until_ns != NEVER_NS:
-                self._drives.plan(until_ns, controller.restarted)
-
-    def interface_down(self, t_ns: int, until_ns: int) -> None:
-        """Take the interfaces of all programs down."""
-        for controller in self._controllers:
-            controller.interface_down()
-            if until_ns != NEVER_NS:
-                self._drives.plan(until_ns, controller.interface_up)
-
-    def disturb(self, fault: Disturbance) -> None:
-        """Disturb the next frames of a service."""
-        self._disturbances.add(fault)
-
-    def foreign_frame(self, can_id: int, data: bytes) -> None:
-        """Let another program send a frame."""
-        if self._stranger is None:
-            self._stranger = self._wire.attach(in_order=False)
-        self._stranger.send(Frame(can_id, data))
-
-    def host_fault(self, fault: HostFault) -> None:
-        """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
-        if self.host is None:
-            raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
-        self.host.happen(fault)
-
-    def error_frame(self, t_ns: int) -> None:
-        """Report a disturbed frame on the controllers of all programs."""
-        for controller in self._controllers:
-            controller.error_frame(t_ns)
+        Raises ValueError for one of the host when its clock is not simulated.
+        """
+        match fault:
+            case faults.BusOff(duration=duration):
+                for controller in self._controllers:
+                    controller.bus_off(t_ns)
+                    self._drives.plan(until(t_ns, duration), controller.restarted)
+            case faults.InterfaceDown(duration=duration):
+                for controller in self._controllers:
+                    controller.interface_down()
+                    self._drives.plan(until(t_ns, duration), controller.interface_up)
+            case faults.ErrorFrame():
+                for controller in self._controllers:
+                    controller.error_frame(t_ns)
+            case faults.ForeignFrame(can_id=can_id, data=data, count=count, interval=interval):
+                if self._stranger is None:
+                    self._stranger = self._wire.attach(in_order=False)
+                self._stranger.send(Frame(can_id, bytes(data)))
+                if count > 1:
+                    self._drives.plan(until(t_ns, interval), partial(self.inject_line, replace(fault, count=count - 1)))
+            case faults.HostLate() | faults.HostPaused() | faults.ClockStep() | faults.SlowCompute():
+                if self.host is None:
+                    raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
+                self.host.happen(fault)
+            case _:
+                self._disturbances.append(fault)

@@ -16,11 +16,12 @@ informed of errors (`DriveLink`).
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Protocol
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile
-from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.modes import build_modes
@@ -35,11 +36,10 @@ from haptic_fieldbus.sim.drive.settings import (
     build_plant,
     build_timing,
     build_units,
-    known_mechanics,
     object_defaults,
 )
 from haptic_fieldbus.sim.drive.stage import NO_RAMP, Stage
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
 # Slowing down by the motor, for quick stop, halt, fault reaction, *shutdown* and *disable operation*.
 #
@@ -103,37 +103,34 @@ class Brake:
 HALT = 0x0100
 
 
+@dataclass(eq=False)
 class Operation:
-    """Owner of the active mode, or of the stop that replaces it; times [ns]."""
+    """Owner of the active mode, or of the stop that replaces it; times [ns]. It starts in mode 0."""
 
-    def __init__(
-        self,
-        stage: Stage,
-        objects: Objects,
-        modes: dict[int, Mode],
-        tick_ns: int,
-        mode_change_ns: int,
-        show: Callable[[], None],
-    ) -> None:
-        """Start in mode 0; `show` is called when `status` has changed."""
-        self.due_ns = NEVER_NS
-        """Time of the next tick or mode change; NEVER_NS when there is none."""
-        self.status = 0
-        """Bits of the statusword that belong to the mode or the stop."""
-        self._stage = stage
-        self._modes = modes
-        self._requested, self._display = objects.mode, objects.mode_display
-        self._halt_option = objects.row(0x605D)
-        self._ramps = {SlowDown.SLOW_DOWN_RAMP: objects.row(0x6084), SlowDown.QUICK_STOP_RAMP: objects.row(0x6085)}
-        self._period_ns, self._change_time_ns = tick_ns, mode_change_ns
-        self._show = show
-        self._mode = modes[NO_MODE]
-        self._enabled = False
-        self._halted = False
-        self._brake: Brake | None = None
-        self._done: Callable[[int], None] | None = None
-        self._tick_ns = self._change_ns = NEVER_NS
-        self._change_to = NO_MODE
+    _stage: Stage
+    _objects: Objects
+    _modes: dict[int, Mode]
+    _period_ns: int
+    _change_time_ns: int
+    _show: Callable[[], None]
+    """Called when `status` has changed."""
+    due_ns: int = NEVER_NS
+    """Time of the next tick or mode change; NEVER_NS when there is none."""
+    status: int = 0
+    """Bits of the statusword that belong to the mode or the stop."""
+    _enabled: bool = False
+    _halted: bool = False
+    _brake: Brake | None = None
+    _done: Callable[[int], None] | None = None
+    _tick_ns: int = NEVER_NS
+    _change_ns: int = NEVER_NS
+    _change_to: int = NO_MODE
+
+    def __post_init__(self) -> None:
+        self._mode = self._modes[NO_MODE]
+        self._requested, self._display, row = self._objects.mode, self._objects.mode_display, self._objects.row
+        self._halt_option = row(0x605D)
+        self._ramps = {SlowDown.SLOW_DOWN_RAMP: row(0x6084), SlowDown.QUICK_STOP_RAMP: row(0x6085)}
 
     # Commands of the automaton.
 
@@ -202,8 +199,18 @@ class Operation:
         """Serve the mode change and the tick that are due."""
         if self._change_ns <= t_ns:
             self._change(t_ns)
-        if self._tick_ns <= t_ns:
-            self._tick(t_ns)
+        if self._tick_ns > t_ns:
+            return
+        self._tick_ns = NEVER_NS
+        self._stage.servo.advance(t_ns)
+        if (brake := self._brake) is None:
+            self._mode.tick(t_ns)
+        elif self._done is not None and brake.finished(t_ns):
+            self._done(t_ns)
+        else:
+            brake.tick(t_ns)
+        # The next tick is later than this one, also when this one is on the grid.
+        self._follow(t_ns + 1)
 
     # Inside.
 
@@ -229,19 +236,6 @@ class Operation:
             self.enable(t_ns)
         else:
             self._follow(t_ns)
-
-    def _tick(self, t_ns: int) -> None:
-        self._tick_ns = NEVER_NS
-        self._stage.servo.advance(t_ns)
-        brake = self._brake
-        if brake is None:
-            self._mode.tick(t_ns)
-        elif self._done is not None and brake.finished(t_ns):
-            self._done(t_ns)
-        else:
-            brake.tick(t_ns)
-        # The next tick is later than this one, also when this one is on the grid.
-        self._follow(t_ns + 1)
 
     def _follow(self, t_ns: int) -> None:
         """Find the next tick, not before `t_ns`, and update the bits of the statusword."""
@@ -309,15 +303,10 @@ class Drive:
     """One drive with its motor, load and hand."""
 
     def __init__(
-        self,
-        profile: Cia402Profile,
-        axis: RigAxis,
-        link: DriveLink,
-        hand: Hand | None,
-        settings: DriveSettings,
-        t_ns: int = 0,
+        self, profile: Cia402Profile, slot: DriveOnBus, link: DriveLink, settings: DriveSettings, t_ns: int
     ) -> None:
-        """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on."""
+        """Build the drive at `t_ns`, without voltage yet; `restart` is its power-on, `profile` that of its objects."""
+        axis = slot.axis
         self.settings = settings
         self.on_enabled: Callable[[int], None] = lambda _t_ns: None
         """Called with the time of each *operation enabled*."""
@@ -326,14 +315,10 @@ class Drive:
         # The order below is that of dependence: objects need the dictionary, units the objects, the stage all of them.
         self.power = PowerAutomaton()
         self.dictionary = Dictionary()
-        self.objects = add_objects(
-            self.dictionary, profile, known_mechanics(axis)[2], settings.serial,
-            object_defaults(profile, axis, settings),
-            settings.modes, settings.without,
-        )  # fmt: skip
+        self.objects = add_objects(self.dictionary, profile, object_defaults(profile, axis, settings))
         times = build_timing(profile, settings)
         self.event_period_ns = times.control_period_ns or _SLOWEST_TICK_NS
-        self.plant = build_plant(profile, axis, hand, settings, t_ns)
+        self.plant = build_plant(profile, axis, slot.hand, settings, t_ns)
         self.servo = Servo(
             self.plant, counts_per_revolution=as_built(axis).encoder_counts_per_revolution,
             timing=times, phase=settings.encoder_phase,
@@ -343,7 +328,9 @@ class Drive:
         self.stage = Stage(
             self.servo, self.objects, self.units, build_gains(profile, axis, self.event_period_ns * 1e-9)
         )
-        modes = build_modes(self.stage, self.objects, self._following_error)
+        is_fault = settings.following_error_faults
+        failed = partial(self.fault, FOLLOWING_ERROR) if is_fault else lambda _t_ns: None
+        modes = build_modes(self.stage, self.objects, failed)
         self.operation = Operation(
             self.stage, self.objects, modes, self.event_period_ns, settings.mode_change_ns, self._show_status
         )
@@ -381,25 +368,15 @@ class Drive:
         self._sto_fault = self.settings.sto_error != 0 and self._state in _ENERGISED
         if self._sto_fault:
             self.fault(self.settings.sto_error, t_ns)
-        self.power.event(
-            Cause.REACTION_COMPLETE if self._state is State.FAULT_REACTION_ACTIVE else Cause.DISABLE_VOLTAGE
-        )
+        reacts = self._state is State.FAULT_REACTION_ACTIVE
+        self.power.event(Cause.REACTION_COMPLETE if reacts else Cause.DISABLE_VOLTAGE)
         self._follow(t_ns)
 
     def inputs(self, bits: int) -> None:
         """Set the digital inputs 60FDh; they do not affect the drive."""
         self._inputs = self.objects.row(0x60FD).value = bits & 0xFFFF_FFFF
 
-    # Called by the link.
-
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next call of `timer`; NEVER_NS when there is none."""
-        return self.operation.due_ns
-
-    def timer(self, t_ns: int) -> None:
-        """Serve the timers that are due."""
-        self.operation.timer(t_ns)
+    # Called by the link, which serves the timers of `operation` too.
 
     def sync(self, t_ns: int) -> None:
         """Latch the measured entries at a SYNC; control ticks are counted from here."""
@@ -471,10 +448,6 @@ class Drive:
         self.power.complete()
         self._enter(t_ns)
 
-    def _following_error(self, t_ns: int) -> None:
-        if self.settings.following_error_faults:
-            self.fault(FOLLOWING_ERROR, t_ns)
-
     def _follow(self, t_ns: int) -> None:
         if self.power.state is not self._state:
             self._enter(t_ns)
@@ -486,7 +459,12 @@ class Drive:
         # The same controlword may have another meaning in the new state.
         self._word, self._leaving = -1, False
         if state is State.OPERATION_ENABLED:
-            self._start(t_ns, before)
+            # Bring the plant to this instant, at which the modes start from its speed and angle.
+            self.servo.advance(t_ns)
+            # The times that count from *operation enabled* go on after a quick stop that was only interrupted.
+            if before is not State.QUICK_STOP_ACTIVE:
+                self.plant.start_hand()
+                self.on_enabled(t_ns)
             self.operation.enable(t_ns)
         elif state is State.QUICK_STOP_ACTIVE:
             self._slow_down(self._quick_stop_option.value, t_ns)
@@ -504,14 +482,6 @@ class Drive:
                 self._link.clear_errors(t_ns)
         self._show_status()
 
-    def _start(self, t_ns: int, before: State) -> None:
-        """Start the times that count from *operation enabled*, unless a quick stop was only interrupted."""
-        # Bring the plant to this instant, at which the modes start from its speed and angle.
-        self.servo.advance(t_ns)
-        if before is not State.QUICK_STOP_ACTIVE:
-            self.plant.start_hand()
-            self.on_enabled(t_ns)
-
     def _slow_down(self, code: int, t_ns: int) -> None:
         """Brake at the control ticks, or free the shaft at once for code 0."""
         if code == _DISABLE:
@@ -524,8 +494,7 @@ class Drive:
 
     def _slowed_down(self, t_ns: int) -> None:
         """Complete a quick stop or a fault reaction."""
-        cause = Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE
-        self.power.event(cause)
+        self.power.event(Cause.STOPPED if self._state is State.QUICK_STOP_ACTIVE else Cause.REACTION_COMPLETE)
         self._enter(t_ns)
 
     def _show_status(self) -> None:

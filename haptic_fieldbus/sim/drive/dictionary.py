@@ -4,6 +4,7 @@ Reference: CiA 301 4.2, 7.2.4.3.17 (abort codes), 7.4.7 (access).
 """
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import KW_ONLY, InitVar, dataclass, field
 from enum import Enum, Flag
 
 from haptic_fieldbus.drive.objects import DataType
@@ -62,6 +63,7 @@ class Mappable(Flag):
     BOTH = 3
 
 
+@dataclass(slots=True, eq=False)
 class Entry:
     """One sub-index. `value` is the last value written by a client or the drive; octets and strings are in `text`.
 
@@ -70,40 +72,29 @@ class Entry:
     `numbered` entry they contain the node-ID ($NODEID of an EDS).
     """
 
-    __slots__ = (
-        "accept", "access", "changed", "default", "default_text", "fetch", "high", "index",
-        "low", "mappable", "numbered", "subindex", "text", "type", "value",
-    )  # fmt: skip
+    index: int
+    subindex: int
+    type: DataType | None
+    """None: a string or a DOMAIN of the octets `text`."""
+    value: int = 0
+    access: Access = Access.RO
+    _: KW_ONLY
+    limits: InitVar[tuple[int, int] | None] = None
+    """Limits of the value, None: those of the type; without a type of the number of octets, None: no octet."""
+    mappable: Mappable = Mappable.NO
+    accept: Callable[[int], None] | None = None
+    text: bytes = b""
+    numbered: bool = False
+    changed: Callable[[], None] | None = field(default=None, init=False)
+    fetch: Callable[[], int] | None = field(default=None, init=False)
+    default: int = field(init=False)
+    default_text: bytes = field(init=False)
+    low: int = field(init=False)
+    high: int = field(init=False)
 
-    def __init__(
-        self,
-        index: int,
-        subindex: int,
-        type: DataType | None,
-        value: int = 0,
-        access: Access = Access.RO,
-        *,
-        limits: tuple[int, int] | None = None,
-        mappable: Mappable = Mappable.NO,
-        accept: Callable[[int], None] | None = None,
-        text: bytes = b"",
-        capacity: int = 0,
-        numbered: bool = False,
-    ) -> None:
-        """Create an entry; with `type` None it is a string or a DOMAIN of the octets `text`, up to `capacity` long."""
-        self.index = index
-        self.subindex = subindex
-        self.type = type
-        self.value = self.default = value
-        self.text = self.default_text = text
-        self.access = access
-        # Without a type, `high` is the capacity.
-        self.low, self.high = limits or (type.limits if type is not None else (0, capacity))
-        self.mappable = mappable
-        self.numbered = numbered
-        self.accept = accept
-        self.changed: Callable[[], None] | None = None
-        self.fetch: Callable[[], int] | None = None
+    def __post_init__(self, limits: tuple[int, int] | None) -> None:
+        self.default, self.default_text = self.value, self.text
+        self.low, self.high = limits or (self.type.limits if self.type is not None else (0, 0))
 
     @property
     def bits(self) -> int:
@@ -121,11 +112,9 @@ class Entry:
         """Raise Refused for a download of `size` octets (None: not known yet) that cannot be accepted."""
         if self.access in (Access.RO, Access.CONST) or (self.type is None and not self.high):
             raise AccessRefused(AbortCode.READ_ONLY)
-        if size is None:
-            return
-        if size > self.capacity:
+        if size is not None and size > self.capacity:
             raise AccessRefused(AbortCode.TOO_LONG)
-        if self.type is not None and size < self.capacity:
+        if size is not None and size < self.capacity and self.type is not None:
             raise AccessRefused(AbortCode.TOO_SHORT)
 
     @property
@@ -144,7 +133,12 @@ class Entry:
                 self.accept(len(data))
             self.text = data
         else:
-            self._write_value(self.type.unpack(data))
+            value = self.type.unpack(data)
+            if not self.low <= value <= self.high:
+                raise AccessRefused(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
+            if self.accept is not None:
+                self.accept(value)
+            self.value = value
         if self.changed is not None:
             self.changed()
 
@@ -155,13 +149,6 @@ class Entry:
     def reset(self) -> None:
         """Restore the power-on value."""
         self.value, self.text = self.default, self.default_text
-
-    def _write_value(self, value: int) -> None:
-        if not self.low <= value <= self.high:
-            raise AccessRefused(AbortCode.VALUE_TOO_HIGH if value > self.high else AbortCode.VALUE_TOO_LOW)
-        if self.accept is not None:
-            self.accept(value)
-        self.value = value
 
 
 def only_if(allows: Callable[[int], bool], code: AbortCode = AbortCode.INVALID_VALUE) -> Callable[[int], None]:
@@ -219,11 +206,9 @@ class Dictionary:
 
     def find(self, index: int, subindex: int = 0) -> Entry:
         """Return the entry; raises Refused when the object or its sub-index does not exist."""
-        subentries = self._objects.get(index)
-        if subentries is None:
+        if (subentries := self._objects.get(index)) is None:
             raise AccessRefused(AbortCode.NO_OBJECT)
-        entry = subentries.get(subindex)
-        if entry is None:
+        if (entry := subentries.get(subindex)) is None:
             raise AccessRefused(AbortCode.NO_SUBINDEX)
         return entry
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 
-from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, PositionSection, VelocitySection
+from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode, PositionSection, VelocitySection
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, SHARES_OF_RATED
 from haptic_fieldbus.errors import UsageError
@@ -46,6 +46,8 @@ _CYCLIC = (CYCLIC_POSITION, CYCLIC_VELOCITY, CYCLIC_TORQUE)
 class Defaults:
     """Power-on values that follow from bench and settings."""
 
+    rated_torque: float
+    """[N·m]"""
     max_torque_permille: int
     rated_current_ma: int
     torque_constant: float
@@ -61,6 +63,11 @@ class Defaults:
     """Torque of the motor for a force of 1 N at a handle that goes straight [N·m]; 0 for another handle."""
     full_scale: float = 0.0
     """Full-scale torque, which the value 32767 means in drives with this unit [N·m]; 0: unknown."""
+    serial: int = 1
+    modes: frozenset[int] | None = None
+    """Modes of operation, besides the profile's torque mode; None: all."""
+    without: frozenset[int] = frozenset()
+    """Objects that are not in the dictionary."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +85,9 @@ class Row:
     allowed: tuple[int, ...] | None = None
 
 
+INT16, INT32, UINT16, UINT32 = DataType.INT16, DataType.INT32, DataType.UINT16, DataType.UINT32
+
+
 def rows(defaults: Defaults) -> tuple[Row, ...]:
     """Return the whole table."""
     return (*_options(), *_torque(defaults), *_speed(defaults), *_position(), *_factors(defaults))
@@ -85,13 +95,13 @@ def rows(defaults: Defaults) -> tuple[Row, ...]:
 
 def _options() -> tuple[Row, ...]:
     """Option codes, digital inputs and interpolation time; the defaults are those of the standard."""
-    int16, no = DataType.INT16, Mappable.NO
+    no = Mappable.NO
     return (
-        Row(0x605A, 0, int16, 2, mappable=no, allowed=tuple(range(9))),  # quick stop
-        Row(0x605B, 0, int16, 0, mappable=no, allowed=(0, 1)),  # shutdown
-        Row(0x605C, 0, int16, 1, mappable=no, allowed=(0, 1)),  # disable operation
-        Row(0x605D, 0, int16, 1, mappable=no, allowed=(1, 2, 3, 4)),  # halt
-        Row(0x60FD, 0, DataType.UINT32, 0, Access.RO, Mappable.TPDO),  # digital inputs
+        Row(0x605A, 0, INT16, 2, mappable=no, allowed=tuple(range(9))),  # quick stop
+        Row(0x605B, 0, INT16, 0, mappable=no, allowed=(0, 1)),  # shutdown
+        Row(0x605C, 0, INT16, 1, mappable=no, allowed=(0, 1)),  # disable operation
+        Row(0x605D, 0, INT16, 1, mappable=no, allowed=(1, 2, 3, 4)),  # halt
+        Row(0x60FD, 0, UINT32, 0, Access.RO, Mappable.TPDO),  # digital inputs
         Row(0x60C2, 1, DataType.UINT8, 1, limits=(1, 255)),  # interpolation time period
         Row(0x60C2, 2, DataType.INT8, -3, limits=(-6, 0)),  # and its power of ten [s]
     )
@@ -99,74 +109,72 @@ def _options() -> tuple[Row, ...]:
 
 def _torque(defaults: Defaults) -> tuple[Row, ...]:
     """Objects in ‰ of rated torque or current, except 6075h [mA] and 6087h [‰/s]."""
-    int16, uint16, limit = DataType.INT16, DataType.UINT16, defaults.max_torque_permille
+    limit = defaults.max_torque_permille
     return (
-        Row(0x6072, 0, uint16, limit),  # max torque
-        Row(0x6073, 0, uint16, limit),  # max current
-        Row(0x6074, 0, int16, 0, Access.RO, Mappable.TPDO),  # torque demand
-        Row(0x6075, 0, DataType.UINT32, defaults.rated_current_ma, Access.RO, Mappable.TPDO),  # motor rated current
-        Row(0x6078, 0, int16, 0, Access.RO, Mappable.TPDO),  # current actual value
-        Row(0x6087, 0, DataType.UINT32, 100_000, modes=(PROFILE_TORQUE,)),  # torque slope
-        Row(0x6088, 0, int16, 0, modes=(PROFILE_TORQUE,), allowed=(0,)),  # torque profile type: linear ramp
-        Row(0x60B2, 0, int16, 0, modes=_CYCLIC),  # torque offset
-        Row(0x60E0, 0, uint16, limit),  # positive torque limit
-        Row(0x60E1, 0, uint16, limit),  # negative torque limit
+        Row(0x6072, 0, UINT16, limit),  # max torque
+        Row(0x6073, 0, UINT16, limit),  # max current
+        Row(0x6074, 0, INT16, 0, Access.RO, Mappable.TPDO),  # torque demand
+        Row(0x6075, 0, UINT32, defaults.rated_current_ma, Access.RO, Mappable.TPDO),  # motor rated current
+        Row(0x6078, 0, INT16, 0, Access.RO, Mappable.TPDO),  # current actual value
+        Row(0x6087, 0, UINT32, 100_000, modes=(PROFILE_TORQUE,)),  # torque slope
+        Row(0x6088, 0, INT16, 0, modes=(PROFILE_TORQUE,), allowed=(0,)),  # torque profile type: linear ramp
+        Row(0x60B2, 0, INT16, 0, modes=_CYCLIC),  # torque offset
+        Row(0x60E0, 0, UINT16, limit),  # positive torque limit
+        Row(0x60E1, 0, UINT16, limit),  # negative torque limit
     )
 
 
 def _speed(defaults: Defaults) -> tuple[Row, ...]:
     """Objects in velocity units, except 6080h [r/min], times [ms] and ramps [position units/s²]."""
-    int32, uint16, uint32 = DataType.INT32, DataType.UINT16, DataType.UINT32
     pv, ramp = (PROFILE_VELOCITY,), defaults.acceleration
     return (
-        Row(0x606B, 0, int32, 0, Access.RO, Mappable.TPDO, _SPEED),  # velocity demand value
-        Row(0x606D, 0, uint16, 200, modes=pv),  # velocity window
-        Row(0x606E, 0, uint16, 0, modes=pv),  # velocity window time
-        Row(0x606F, 0, uint16, 200, modes=pv),  # velocity threshold
-        Row(0x6070, 0, uint16, 0, modes=pv),  # velocity threshold time
-        Row(0x607F, 0, uint32, NO_LIMIT, modes=_PROFILES),  # max profile velocity
-        Row(0x6080, 0, uint32, NO_LIMIT),  # max motor speed
-        Row(0x6081, 0, uint32, defaults.velocity, modes=(PROFILE_POSITION,)),  # profile velocity
-        Row(0x6083, 0, uint32, ramp, modes=_PROFILES),  # profile acceleration
-        Row(0x6084, 0, uint32, ramp),  # profile deceleration: the slow down ramp of every mode
-        Row(0x6085, 0, uint32, 2 * ramp),  # quick stop deceleration
-        Row(0x6086, 0, DataType.INT16, 0, modes=_PROFILES, allowed=(0,)),  # motion profile type: linear ramp
-        Row(0x60B1, 0, int32, 0, modes=(CYCLIC_POSITION, CYCLIC_VELOCITY)),  # velocity offset
-        Row(0x60FF, 0, int32, 0, modes=_SPEED),  # target velocity
+        Row(0x606B, 0, INT32, 0, Access.RO, Mappable.TPDO, _SPEED),  # velocity demand value
+        Row(0x606D, 0, UINT16, 200, modes=pv),  # velocity window
+        Row(0x606E, 0, UINT16, 0, modes=pv),  # velocity window time
+        Row(0x606F, 0, UINT16, 200, modes=pv),  # velocity threshold
+        Row(0x6070, 0, UINT16, 0, modes=pv),  # velocity threshold time
+        Row(0x607F, 0, UINT32, NO_LIMIT, modes=_PROFILES),  # max profile velocity
+        Row(0x6080, 0, UINT32, NO_LIMIT),  # max motor speed
+        Row(0x6081, 0, UINT32, defaults.velocity, modes=(PROFILE_POSITION,)),  # profile velocity
+        Row(0x6083, 0, UINT32, ramp, modes=_PROFILES),  # profile acceleration
+        Row(0x6084, 0, UINT32, ramp),  # profile deceleration: the slow down ramp of every mode
+        Row(0x6085, 0, UINT32, 2 * ramp),  # quick stop deceleration
+        Row(0x6086, 0, INT16, 0, modes=_PROFILES, allowed=(0,)),  # motion profile type: linear ramp
+        Row(0x60B1, 0, INT32, 0, modes=(CYCLIC_POSITION, CYCLIC_VELOCITY)),  # velocity offset
+        Row(0x60FF, 0, INT32, 0, modes=_SPEED),  # target velocity
     )
 
 
 def _position() -> tuple[Row, ...]:
     """Objects in position units, except times [ms]."""
-    int32, uint16, uint32 = DataType.INT32, DataType.UINT16, DataType.UINT32
     pp, hm = (PROFILE_POSITION,), (HOMING,)
     return (
-        Row(0x6062, 0, int32, 0, Access.RO, Mappable.TPDO, _POSITIONING),  # position demand value
-        Row(0x6065, 0, uint32, NO_LIMIT, modes=_POSITIONING),  # following error window
-        Row(0x6066, 0, uint16, 0, modes=_POSITIONING),  # following error time out
-        Row(0x6067, 0, uint32, 10, modes=pp),  # position window
-        Row(0x6068, 0, uint16, 0, modes=pp),  # position window time
-        Row(0x607A, 0, int32, 0, modes=_POSITIONING),  # target position
-        Row(0x607C, 0, int32, 0, modes=hm),  # home offset
+        Row(0x6062, 0, INT32, 0, Access.RO, Mappable.TPDO, _POSITIONING),  # position demand value
+        Row(0x6065, 0, UINT32, NO_LIMIT, modes=_POSITIONING),  # following error window
+        Row(0x6066, 0, UINT16, 0, modes=_POSITIONING),  # following error time out
+        Row(0x6067, 0, UINT32, 10, modes=pp),  # position window
+        Row(0x6068, 0, UINT16, 0, modes=pp),  # position window time
+        Row(0x607A, 0, INT32, 0, modes=_POSITIONING),  # target position
+        Row(0x607C, 0, INT32, 0, modes=hm),  # home offset
         Row(0x6098, 0, DataType.INT8, CURRENT_POSITION[-1], modes=hm, allowed=CURRENT_POSITION),  # homing method
-        Row(0x6099, 1, uint32, 0, modes=hm),  # homing speeds: not used by these methods
-        Row(0x6099, 2, uint32, 0, modes=hm),
-        Row(0x60B0, 0, int32, 0, modes=(CYCLIC_POSITION,)),  # position offset
-        Row(0x60F4, 0, int32, 0, Access.RO, Mappable.TPDO, _POSITIONING),  # following error actual value
+        Row(0x6099, 1, UINT32, 0, modes=hm),  # homing speeds: not used by these methods
+        Row(0x6099, 2, UINT32, 0, modes=hm),
+        Row(0x60B0, 0, INT32, 0, modes=(CYCLIC_POSITION,)),  # position offset
+        Row(0x60F4, 0, INT32, 0, Access.RO, Mappable.TPDO, _POSITIONING),  # following error actual value
     )
 
 
 def _factors(defaults: Defaults) -> tuple[Row, ...]:
     """The factor group; by default a position unit is one count of the encoder."""
-    uint32, positive, counts = DataType.UINT32, (1, NO_LIMIT), defaults.counts_per_revolution
+    positive, counts = (1, NO_LIMIT), defaults.counts_per_revolution
     return (
         Row(0x607E, 0, DataType.UINT8, 0, mappable=Mappable.NO),  # polarity
-        Row(0x608F, 1, uint32, counts, mappable=Mappable.NO, limits=positive),  # position encoder resolution: counts
-        Row(0x608F, 2, uint32, 1, mappable=Mappable.NO, limits=positive),  # per motor revolutions
-        Row(0x6091, 1, uint32, 1, mappable=Mappable.NO, limits=positive),  # gear ratio: motor revolutions
-        Row(0x6091, 2, uint32, 1, mappable=Mappable.NO, limits=positive),  # per driving shaft revolutions
-        Row(0x6092, 1, uint32, counts, mappable=Mappable.NO, limits=positive),  # feed constant: position units
-        Row(0x6092, 2, uint32, 1, mappable=Mappable.NO, limits=positive),  # per driving shaft revolutions
+        Row(0x608F, 1, UINT32, counts, mappable=Mappable.NO, limits=positive),  # position encoder resolution: counts
+        Row(0x608F, 2, UINT32, 1, mappable=Mappable.NO, limits=positive),  # per motor revolutions
+        Row(0x6091, 1, UINT32, 1, mappable=Mappable.NO, limits=positive),  # gear ratio: motor revolutions
+        Row(0x6091, 2, UINT32, 1, mappable=Mappable.NO, limits=positive),  # per driving shaft revolutions
+        Row(0x6092, 1, UINT32, counts, mappable=Mappable.NO, limits=positive),  # feed constant: position units
+        Row(0x6092, 2, UINT32, 1, mappable=Mappable.NO, limits=positive),  # per driving shaft revolutions
     )
 
 
@@ -238,51 +246,37 @@ class Objects:
             if entry.access is Access.RW:
                 entry.changed = factors_changed if entry.index in FACTORS else changed
 
-    @property
-    def torque_limits(self) -> tuple[Entry, Entry, Entry, Entry]:
-        """Return 6072h, 6073h, 60E0h and 60E1h."""
-        return self.row(0x6072), self.row(0x6073), self.row(0x60E0), self.row(0x60E1)
 
-
-def add_objects(
-    dictionary: Dictionary,
-    profile: Cia402Profile,
-    rated_torque: float,
-    serial: int,
-    defaults: Defaults,
-    modes: frozenset[int] | None = None,
-    without: frozenset[int] = frozenset(),
-) -> Objects:
+def add_objects(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaults) -> Objects:
     """Add all application objects to the dictionary.
 
-    `rated_torque` is in N·m. Raises UsageError when the profile's torque unit cannot be simulated, or when the rated
-    torque is less than one step of its unit.
+    Raises UsageError when the profile's torque unit cannot be simulated, or when the rated torque is less than one step
+    of its unit.
     """
-    _add_identity(dictionary, profile, serial)
-    rated = _add_rated(dictionary, profile, rated_torque)
-    _add_rated_current(dictionary, profile, defaults)
+    _add_identity(dictionary, profile, defaults.serial)
+    rated = _add_rated(dictionary, profile, defaults.rated_torque)
+    if (current := profile.torque.rated_current) is not None:
+        _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
     step = partial(_torque_step, profile.name, defaults, rated)
     torque_mode = profile.torque.mode_of_operation
-    offered = (STANDARD_MODES if modes is None else STANDARD_MODES & modes) | {torque_mode}
-    table = _add_table(dictionary, rows(defaults), offered, without, profile.torque.demand)
+    offered = (STANDARD_MODES if defaults.modes is None else STANDARD_MODES & defaults.modes) | {torque_mode}
+    table = _add_table(dictionary, defaults, offered, profile.torque.demand)
     add = dictionary.add
-    add(Entry(0x6502, 0, DataType.UINT32, _supported(offered), mappable=Mappable.TPDO))
+    bits = (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1 for mode in offered if mode)
+    add(Entry(0x6502, 0, DataType.UINT32, sum(1 << bit for bit in bits), mappable=Mappable.TPDO))
     actual, demand, target = profile.torque.actual, profile.torque.demand, profile.torque.target
     permille = step(target.unit if target.unit in SHARES_OF_RATED else SHARES_OF_RATED[0])
     abort, reaction = profile.link_loss.abort_connection_option, profile.link_loss.fault_reaction_option
+    stops_free = profile.guarded and not abort
     return Objects(
         error_code=add(Entry(0x603F, 0, DataType.UINT16, mappable=Mappable.TPDO)),
         controlword=add(Entry(0x6040, 0, DataType.UINT16, 0, Access.RW, mappable=Mappable.BOTH)),
         statusword=add(Entry(0x6041, 0, DataType.UINT16, mappable=Mappable.TPDO)),
-        abort_connection_option=(
-            _add_option(dictionary, abort.object, 1, range(4))
-            if abort
-            else _hidden(0x6007, FAULT if profile.guarded else NO_ACTION)
+        abort_connection_option=_add_option(
+            dictionary, abort, 1, range(4), Entry(0x6007, 0, INT16, FAULT if profile.guarded else NO_ACTION)
         ),
-        fault_reaction_option=(
-            _add_option(dictionary, reaction.object, 2, range(5))
-            if reaction
-            else _hidden(0x605E, DISABLE if profile.guarded and not abort else SLOW_DOWN)
+        fault_reaction_option=_add_option(
+            dictionary, reaction, 2, range(5), Entry(0x605E, 0, INT16, DISABLE if stops_free else SLOW_DOWN)
         ),
         mode=add(
             Entry(0x6060, 0, DataType.INT8, 0, Access.RW, mappable=Mappable.BOTH, accept=one_of((NO_MODE, *offered)))
@@ -292,7 +286,7 @@ def add_objects(
         velocity=_add_motion(dictionary, profile, 0x606C, profile.velocity),
         target_torque=_add_mapped(dictionary, profile.torque.target, Access.RW, Mappable.BOTH),
         actual_torque=(
-            _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else _hidden(0x6077, 0)
+            _add_mapped(dictionary, actual, Access.RO, Mappable.TPDO) if actual is not None else Entry(0x6077, 0, INT16)
         ),
         modes=offered,
         torque_mode=torque_mode,
@@ -325,11 +319,7 @@ def _torque_step(name: str, bench: Defaults, rated: float, unit: str) -> float:
 
 
 def _add_table(
-    dictionary: Dictionary,
-    table: Iterable[Row],
-    modes: frozenset[int],
-    without: frozenset[int],
-    demand: MappedObject | None,
+    dictionary: Dictionary, defaults: Defaults, modes: frozenset[int], demand: MappedObject | None
 ) -> dict[tuple[int, int], Entry]:
     """Create the entries of all rows, and add the existing ones to the dictionary.
 
@@ -337,7 +327,7 @@ def _add_table(
     """
     entries: dict[tuple[int, int], Entry] = {}
     shown: dict[int, list[Entry]] = {}
-    for row in table:
+    for row in rows(defaults):
         accept = one_of(row.allowed) if row.allowed is not None else None
         # Targets and parameters that an RPDO may write may also be read back by a TPDO.
         both = Mappable.BOTH if row.mappable is Mappable.RPDO else row.mappable
@@ -346,7 +336,7 @@ def _add_table(
         if demand is not None and row.index == TORQUE_DEMAND:
             entry = Entry(demand.object, demand.subindex, demand.type, mappable=both)
         entries[row.index, row.subindex] = entry
-        if entry.index not in without and (not row.modes or modes.intersection(row.modes)):
+        if entry.index not in defaults.without and (not row.modes or modes.intersection(row.modes)):
             shown.setdefault(entry.index, []).append(entry)
     for members in shown.values():
         if members[0].subindex:
@@ -373,8 +363,7 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
 
     Raises UsageError when it is less than one step. Without 6076h in the profile the torque is returned unchanged.
     """
-    rated = profile.torque.rated
-    if rated is None:
+    if (rated := profile.torque.rated) is None:
         return rated_torque
     unit = RATED_TORQUE_UNITS[rated.unit]
     entry = _add_mapped(dictionary, rated, Access.RO, Mappable.TPDO)
@@ -387,13 +376,6 @@ def _add_rated(dictionary: Dictionary, profile: Cia402Profile, rated_torque: flo
     if not entry.value:
         raise UsageError(f"{profile.name}: {rated_torque} N·m of rated torque is less than one step of {rated.unit}")
     return entry.value * unit
-
-
-def _add_rated_current(dictionary: Dictionary, profile: Cia402Profile, defaults: Defaults) -> None:
-    """Add the object of the rated current, where the profile names one."""
-    current = profile.torque.rated_current
-    if current is not None:
-        _add_mapped(dictionary, current, Access.RO, Mappable.TPDO).start_with(defaults.rated_current_ma)
 
 
 def _add_mapped(dictionary: Dictionary, mapped: MappedObject, access: Access, mappable: Mappable) -> Entry:
@@ -414,16 +396,10 @@ def _add_motion(
     return dictionary.add(entry) if profile.position is not None else entry
 
 
-def _add_option(dictionary: Dictionary, index: int, value: int, codes: Iterable[int]) -> Entry:
-    """Add an option code with its power-on value; reserved codes are refused."""
-    return dictionary.add(Entry(index, 0, DataType.INT16, value, Access.RW, accept=one_of(codes)))
-
-
-def _hidden(index: int, value: int) -> Entry:
-    """Return an entry that is not in the dictionary."""
-    return Entry(index, 0, DataType.INT16, value)
-
-
-def _supported(modes: Iterable[int]) -> int:
-    """Return the value of 6502h."""
-    return sum(1 << (mode - 1 if mode > 0 else _FIRST_MANUFACTURER_BIT - mode - 1) for mode in modes if mode)
+def _add_option(
+    dictionary: Dictionary, option: OptionCode | None, value: int, codes: Iterable[int], hidden: Entry
+) -> Entry:
+    """Add an option code with its power-on value; reserved codes are refused. Without it the drive uses `hidden`."""
+    if option is None:
+        return hidden
+    return dictionary.add(Entry(option.object, 0, INT16, value, Access.RW, accept=one_of(codes)))

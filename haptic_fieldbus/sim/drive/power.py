@@ -168,19 +168,13 @@ class PowerAutomaton:
 
     def _command(self, cause: Cause) -> tuple[int, ...]:
         transition = _TABLE.get((self.state, cause))
-        if transition is None or not self._allowed(transition.number):
+        refused = {2: self.locked, 15: self.has_fault(), 16: not self.stays_in_quick_stop}
+        if transition is None or refused.get(transition.number):
             return ()
         if transition.number in self.deferred:
             self.held = transition
             return ()
         return self._make(transition)
-
-    def _allowed(self, number: int) -> bool:
-        if number == 2:
-            return not self.locked
-        if number == 15:
-            return not self.has_fault()
-        return number != 16 or self.stays_in_quick_stop
 
     def _make(self, transition: Transition) -> tuple[int, ...]:
         self.held = None

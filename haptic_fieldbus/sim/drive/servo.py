@@ -148,17 +148,16 @@ class Servo:
         """Return the encoder's counts at the plant's present time, wrapped to 32 bits."""
         plant = self.plant
         if plant.t_ns >= self.stuck_until_ns:
-            angle = self._angle() if self._late else plant.state[0]
+            angle = plant.state[0]
+            if self._late:
+                read_ns = plant.t_ns
+                if self._free:
+                    ticks = math.floor((read_ns - self._grid_ns) / self._tick_ns)
+                    read_ns = self._grid_ns + round(ticks * self._tick_ns)
+                angle = plant.recorder.angle_at(read_ns - self._latency_ns)
             shown = math.floor(angle * self._counts_per_radian + self._round) + self._offset
             self._shown = (shown + _HALF) % _WRAP - _HALF
         return self._shown
-
-    def _angle(self) -> float:
-        """Return the drive's shaft angle at the plant's present time, with its late reading [rad]."""
-        read_ns = self.plant.t_ns
-        if self._free:
-            read_ns = self._grid_ns + round(math.floor((read_ns - self._grid_ns) / self._tick_ns) * self._tick_ns)
-        return self.plant.recorder.angle_at(read_ns - self._latency_ns)
 
     def fine_counts(self) -> float:
         """Return the counts before rounding and wrapping; a whole number in the middle of a count."""

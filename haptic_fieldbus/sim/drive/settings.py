@@ -23,7 +23,7 @@ from haptic_fieldbus.drive.rig import (
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.objects import Defaults, Objects
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes
-from haptic_fieldbus.sim.drive.stage import Gains, gains
+from haptic_fieldbus.sim.drive.stage import LAGS, Gains
 from haptic_fieldbus.sim.drive.units import Units
 from haptic_fieldbus.sim.hand import LEADER, Grip, Hand, grip
 from haptic_fieldbus.sim.mechanics.body import Body
@@ -163,20 +163,18 @@ def build_timing(profile: Cia402Profile, settings: DriveSettings) -> FirmwareTim
 def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
     """Return the gains of the drive's own loops for a control tick [s]; they were tuned on the bench as it is."""
     inertia, damping, _ = known_mechanics(as_built(axis))
-    return gains(inertia, damping, _lag(profile, axis), tick)
+    return Gains(inertia, damping, 1 / (LAGS * (tick + _lag(profile, axis))))
 
 
 def build_units(profile: Cia402Profile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
     """Return the factor group of this drive, with its own unit of velocity if the profile names one."""
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
-    unit = _velocity_unit(profile, DriveSettings())
+    unit = _own_velocity_unit(profile)
     own = velocity_step(unit, axis.encoder_counts_per_revolution) if unit != COUNTS_PER_SECOND else None
     return Units(counts_per_radian, objects.table, dictionary, own)
 
 
-def _velocity_unit(profile: Cia402Profile, settings: DriveSettings) -> str:
-    if settings.velocity_unit is not None:
-        return settings.velocity_unit
+def _own_velocity_unit(profile: Cia402Profile) -> str:
     return profile.velocity.actual.unit if profile.velocity is not None else COUNTS_PER_SECOND
 
 
@@ -189,14 +187,19 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     inertia, _, rated = known_mechanics(axis)
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
+    unit = settings.velocity_unit or _own_velocity_unit(profile)
     steps = steps_of_position(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
     return Defaults(
+        rated_torque=rated,
+        serial=settings.serial,
+        modes=settings.modes,
+        without=settings.without,
         max_torque_permille=settings.max_torque_permille,
         rated_current_ma=round((settings.rated_current or _known(axis, "rated_current")) * 1e3),
         peak_current=_known(axis, "peak_current"),
         torque_constant=_known(axis, "torque_constant"),
         counts_per_revolution=counts,
-        velocity=_whole(_RAMP * acceleration / velocity_step(_velocity_unit(profile, settings), counts)),
+        velocity=_whole(_RAMP * acceleration / velocity_step(unit, counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),
         lever=axis.mechanism.ratio if isinstance(axis.mechanism, LinearMechanism) else 0.0,
         full_scale=settings.full_scale or 0.0,

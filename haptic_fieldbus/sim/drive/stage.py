@@ -20,8 +20,8 @@ from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.drive.units import HIGHEST, LOWEST, Units
 from haptic_fieldbus.sim.mechanics.motion import SPEED, TORQUE
 
-# Ratio of the time constant 1/a of the loops to hold and lag (see above).
-_LAGS = 4
+LAGS = 4
+"""Ratio of the time constant 1/a of the loops to hold and lag (see above), well damped for any rig."""
 _HIGHEST_PERMILLE = 32767
 """Largest value of 6074h, an INTEGER16."""
 _RPM = 2 * math.pi / 60
@@ -43,11 +43,6 @@ class Gains:
         return self.bandwidth / 8
 
 
-def gains(inertia: float, damping: float, lag: float, tick: float) -> Gains:
-    """Return gains that are well damped for any rig; `lag` of the torque loop and control `tick` in s."""
-    return Gains(inertia, damping, 1 / (_LAGS * (tick + lag)))
-
-
 class Stage:
     """The interface between a mode and the servo; all quantities at the motor shaft, SI."""
 
@@ -57,27 +52,23 @@ class Stage:
         self.gains = loop
         self.limited = False
         """Whether the last torque or speed was less than requested."""
-        self._limits: tuple[Entry, Entry, Entry, Entry] = objects.torque_limits
+        row = objects.row
+        self._limits = row(0x6072), row(0x6073), row(0x60E0), row(0x60E1)
         self._seen: tuple[int, ...] = ()
         self._low = self._high = 0.0
-        self._permille = objects.permille
+        self.permille = objects.permille
+        """One ‰ of rated torque, or of the torque at rated current [N·m]."""
         self._demand_unit = objects.demand_unit
-        self._demand = objects.row(0x6074)
-        self._max_motor_speed = objects.row(0x6080)
-        self._max_profile_velocity = objects.row(0x607F)
+        self._demand = row(0x6074)
+        self._max_motor_speed, self._max_profile_velocity = row(0x6080), row(0x607F)
         self._looping = False
         self._integral = 0.0
         self._t_ns = 0
         self._position, self._velocity = objects.position, objects.velocity
-        self._actual, self._current = objects.actual_torque, objects.row(0x6078)
-        self._per_step, self._per_permille = 1 / objects.actual_unit, 1 / self._permille
+        self._actual, self._current = objects.actual_torque, row(0x6078)
+        self._per_step, self._per_permille = 1 / objects.actual_unit, 1 / self.permille
 
     # Torque.
-
-    @property
-    def permille(self) -> float:
-        """Return one ‰ of rated torque, or of the torque at rated current [N·m]."""
-        return self._permille
 
     @property
     def commanded(self) -> float:
@@ -92,8 +83,8 @@ class Stage:
         if seen != self._seen:
             self._seen = seen
             common = min(first.value, second.value, _HIGHEST_PERMILLE)
-            self._high = min(common, third.value) * self._permille
-            self._low = max(-common, fourth.value if fourth.low < 0 else -fourth.value) * self._permille
+            self._high = min(common, third.value) * self.permille
+            self._low = max(-common, fourth.value if fourth.low < 0 else -fourth.value) * self.permille
         return self._high if torque > self._high else self._low if torque < self._low else torque
 
     def torque(self, wanted: float, t_ns: int) -> None:
@@ -164,15 +155,13 @@ class Stage:
     # Limits and ramps.
 
     def slow(self, velocity: float) -> float:
-        """Return the permitted part of a speed [rad/s]."""
-        limit = self.speed_limit()
-        return max(-limit, min(limit, velocity))
-
-    def speed_limit(self) -> float:
-        """Return the smaller one of 607Fh and 6080h [rad/s]; inf when neither limits."""
+        """Return the permitted part of a speed [rad/s], by the smaller one of 607Fh and 6080h that limits."""
         motor, profile = self._max_motor_speed.value, self._max_profile_velocity.value
-        allowed = motor * _RPM if motor != NO_LIMIT else math.inf
-        return min(allowed, profile * abs(self.units.speed)) if profile != NO_LIMIT else allowed
+        limit = min(
+            motor * _RPM if motor != NO_LIMIT else math.inf,
+            profile * abs(self.units.speed) if profile != NO_LIMIT else math.inf,
+        )
+        return max(-limit, min(limit, velocity))
 
     def ramp(self, entry: Entry) -> float:
         """Return an acceleration of the object dictionary in rad/s²; NO_RAMP for 0."""

@@ -10,6 +10,7 @@ counts at the driving shaft: the feed constant is its encoder resolution.
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import InitVar, dataclass, field
 from fractions import Fraction
 
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry, only_if
@@ -57,33 +58,27 @@ def fit(value: float) -> int:
     return rounded if LOWEST <= rounded <= HIGHEST else LOWEST if rounded < 0 else HIGHEST
 
 
+@dataclass(eq=False)
 class Units:
     """The factors of the objects; call `update` after a change."""
 
-    plain: bool
+    counts_per_radian: float
+    table: InitVar[Mapping[tuple[int, int], Entry]]
+    """The factors by index and sub-index."""
+    _dictionary: Dictionary
+    _velocity_unit: float | None = None
+    """The drive's own unit of velocity [rad/s], None when it follows from the factors."""
+    plain: bool = field(init=False)
     """Whether a position unit is a count."""
-    angle: float
+    angle: float = field(init=False)
     """One position unit at the motor shaft [rad], with its sign."""
-    speed: float
+    speed: float = field(init=False)
     """One velocity unit [rad/s], with its sign."""
 
-    def __init__(
-        self,
-        counts_per_radian: float,
-        table: Mapping[tuple[int, int], Entry],
-        dictionary: Dictionary,
-        velocity_unit: float | None = None,
-    ) -> None:
-        """Take the factors from `table`, by index and sub-index.
-
-        `velocity_unit` [rad/s] is the drive's own unit of velocity, None when it follows from the factors.
-        """
-        self.counts_per_radian = counts_per_radian
-        self._velocity_unit = velocity_unit
+    def __post_init__(self, table: Mapping[tuple[int, int], Entry]) -> None:
         self._polarity = table[0x607E, 0]
         pairs = ((table[index, 1], table[index, 2]) for index in (_RESOLUTION, _GEAR, _FEED))
         self._resolution, self._gear, self._feed = pairs
-        self._dictionary = dictionary
         self.update()
 
     def follow(self) -> None:
@@ -105,8 +100,7 @@ class Units:
             (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
         )
         polarity = self._polarity.value
-        unit = revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)
-        if unit is not None:
+        if (unit := revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)) is not None:
             feed, per = unit.denominator, unit.numerator
         self._numerator = feed * turns * shaft * (-1 if polarity & _POSITION_POLARITY else 1)
         self._denominator = per * counts * motor

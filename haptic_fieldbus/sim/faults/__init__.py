@@ -5,22 +5,22 @@ faults without `at` exist from power-on. `node` is the node-ID of the drive, Non
 of the rig, None every bus. `duration` [s] None is for ever.
 """
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, fields
+import json
+from collections.abc import Iterable
+from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, TypeVar, dataclass_transform, get_args
+from typing import Annotated, Literal, dataclass_transform, get_args
 
 from annotated_types import Ge, Le, Len
 
 from haptic_fieldbus.documents import read_document
-from haptic_fieldbus.drive.fields import STRICT, Counts, NonNegativeTime, Time, UInt32
+from haptic_fieldbus.drive.fields import Counts, NonNegativeTime, Table, Time, UInt32
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import Fault as FileFault
 from haptic_fieldbus.errors import FaultFileError
 
 # The fields that all kinds of faults share, and the types of fields that several have.
 
-Kind = TypeVar("Kind")
 Node = Annotated[int, Ge(1), Le(127)]
 ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
 Count = Annotated[int, Ge(1), Le(1_000_000_000)]
@@ -29,67 +29,54 @@ CanId = Annotated[int, Ge(0), Le(0x7FF)]
 Share = Annotated[float, Ge(0), Le(1)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FaultTargets:
-    """The drives and buses that a fault concerns."""
+@dataclass_transform(frozen_default=True)
+class FaultTable(Table):
+    """A frozen dataclass for each class below; one that is given a name has it as the only value of its key `kind`."""
 
-    node: Node | None = None
-    bus: str | None = None
-    __pydantic_config__: ClassVar = STRICT
+    def __init_subclass__(cls, kind: str = "") -> None:
+        if kind:
+            cls.__annotations__ = {"kind": Literal.__getitem__(kind), **cls.__annotations__}
+        dataclass(frozen=True)(cls)
 
 
-@dataclass(frozen=True)
-class NamedFault(FaultTargets):
-    """A fault of a kind; each kind adds its own keys."""
+class NamedFault(FaultTable):
+    """A fault of a kind, with the drives and buses that it concerns; each kind adds its own keys."""
 
     kind: str
+    _: KW_ONLY
+    node: Node | None = None
+    bus: str | None = None
 
 
-@dataclass(frozen=True)
 class AtInstant(NamedFault):
     """A fault that happens once, `at` seconds after *operation enabled*."""
 
     at: NonNegativeTime
 
 
-@dataclass(frozen=True)
 class CountAtInstant(AtInstant):
     """A fault of the next `count` frames, answers or messages."""
 
     count: Count = 1
 
 
-@dataclass(frozen=True)
 class OpenCountAtInstant(AtInstant):
     """A fault of the next `count` messages; None: of all."""
 
     count: Count | None = None
 
 
-@dataclass(frozen=True)
 class OpenEndAtInstant(AtInstant):
     """A fault that lasts for `duration` [s]; None: for ever."""
 
     duration: Time | None = None
 
 
-@dataclass(frozen=True)
 class DelayAtInstant(AtInstant):
     """A delay [s], `count` times."""
 
     delay: Time
     count: Count = 1
-
-
-@dataclass_transform(frozen_default=True)
-def kind(name: str) -> Callable[[type[Kind]], type[Kind]]:
-    """Return the decorator of one kind of faults: a frozen dataclass with this name as the only value of `kind`."""
-
-    def named(kind: type[Kind]) -> type[Kind]:
-        kind.__annotations__ = {"kind": Literal.__getitem__(name), **kind.__annotations__}
-        return dataclass(frozen=True)(kind)
-
-    return named
 
 
 # Faults of the bus: frames that do not arrive as they were sent, other frames, and the controller of the master.
@@ -100,7 +87,6 @@ FrameGroup = Literal["tpdo", "rpdo", "sync", "heartbeat", "emergency", "sdo", "n
 """Frames by their service; SYNC and NMT commands belong to every node, a heartbeat to the one that sends it."""
 
 
-@dataclass(frozen=True)
 class FramesAtInstant(AtInstant):
     """A fault of the next `count` frames of a service."""
 
@@ -108,13 +94,11 @@ class FramesAtInstant(AtInstant):
     count: Count = 1
 
 
-@kind("frame_dropped")
-class FrameDropped(FramesAtInstant):
+class FrameDropped(FramesAtInstant, kind="frame_dropped"):
     """The loss of the next `count` frames of a service between sender and receivers."""
 
 
-@kind("frame_delayed")
-class FrameDelayed(AtInstant):
+class FrameDelayed(AtInstant, kind="frame_delayed"):
     """The late arrival of the next `count` frames of a service, by `delay` [s]."""
 
     delay: Time
@@ -122,13 +106,11 @@ class FrameDelayed(AtInstant):
     count: Count = 1
 
 
-@kind("frame_duplicated")
-class FrameDuplicated(FramesAtInstant):
+class FrameDuplicated(FramesAtInstant, kind="frame_duplicated"):
     """The next `count` frames of a service arrive twice."""
 
 
-@kind("frame_wrong_length")
-class FrameWrongLength(AtInstant):
+class FrameWrongLength(AtInstant, kind="frame_wrong_length"):
     """The next `count` frames of a service arrive with another length: cut off, or filled up with zeros."""
 
     length: Annotated[int, Ge(0), Le(8)]
@@ -136,8 +118,7 @@ class FrameWrongLength(AtInstant):
     count: Count = 1
 
 
-@kind("frame_wrong_node")
-class FrameWrongNode(AtInstant):
+class FrameWrongNode(AtInstant, kind="frame_wrong_node"):
     """The next `count` frames of a service arrive under the identifier of the node `to`."""
 
     to: Node
@@ -145,8 +126,7 @@ class FrameWrongNode(AtInstant):
     count: Count = 1
 
 
-@kind("foreign_frame")
-class ForeignFrame(AtInstant):
+class ForeignFrame(AtInstant, kind="foreign_frame"):
     """A frame of another program, `count` times, one every `interval` [s]."""
 
     can_id: CanId
@@ -155,18 +135,15 @@ class ForeignFrame(AtInstant):
     interval: Time = 0.001
 
 
-@kind("bus_off")
-class BusOff(OpenEndAtInstant):
+class BusOff(OpenEndAtInstant, kind="bus_off"):
     """Bus-off of the master's controller: an error frame, then it neither sends nor receives."""
 
 
-@kind("interface_down")
-class InterfaceDown(OpenEndAtInstant):
+class InterfaceDown(OpenEndAtInstant, kind="interface_down"):
     """The interface of the master is down: sending and receiving fail with "Network is down"."""
 
 
-@kind("error_frame")
-class ErrorFrame(AtInstant):
+class ErrorFrame(AtInstant, kind="error_frame"):
     """A disturbed frame that the master's controller reports; no frame is lost."""
 
 
@@ -181,62 +158,52 @@ LineFault = Disturbance | ForeignFrame | BusOff | InterfaceDown | ErrorFrame
 # Those of answers concern the next `count` answers of a drive on a line; the drive has carried out the requests.
 
 
-@kind("answer_lost")
-class AnswerLost(CountAtInstant):
+class AnswerLost(CountAtInstant, kind="answer_lost"):
     """No answer comes."""
 
 
-@kind("answer_delayed")
-class AnswerDelayed(DelayAtInstant):
+class AnswerDelayed(DelayAtInstant, kind="answer_delayed"):
     """Answers come later by `delay` [s]."""
 
 
-@kind("answer_swapped")
-class AnswerSwapped(CountAtInstant):
+class AnswerSwapped(CountAtInstant, kind="answer_swapped"):
     """Each answer arrives after the next request: the master receives the answer to an earlier request."""
 
 
-@kind("answer_garbage")
-class AnswerGarbage(CountAtInstant):
+class AnswerGarbage(CountAtInstant, kind="answer_garbage"):
     """Random octets come in the place of answers."""
 
 
-@kind("answer_corrupted")
-class AnswerCorrupted(CountAtInstant):
+class AnswerCorrupted(CountAtInstant, kind="answer_corrupted"):
     """One bit of each answer is inverted: on RTU the checksum detects it; on TCP the bit is in the header."""
 
 
-@kind("answer_truncated")
-class AnswerTruncated(AtInstant):
+class AnswerTruncated(AtInstant, kind="answer_truncated"):
     """Answers end after `length` octets."""
 
     length: Annotated[int, Ge(0), Le(260)] = 4
     count: Count = 1
 
 
-@kind("answer_wrong_unit")
-class AnswerWrongUnit(AtInstant):
+class AnswerWrongUnit(AtInstant, kind="answer_wrong_unit"):
     """Answers carry the unit id `to`."""
 
     to: Annotated[int, Ge(1), Le(247)]
     count: Count = 1
 
 
-@kind("answer_exception")
-class AnswerException(AtInstant):
+class AnswerException(AtInstant, kind="answer_exception"):
     """The drive answers with an exception and does not execute the request."""
 
     code: Annotated[int, Ge(1), Le(255)] = 4
     count: Count = 1
 
 
-@kind("connection_reset")
-class ConnectionReset(OpenEndAtInstant):
+class ConnectionReset(OpenEndAtInstant, kind="connection_reset"):
     """The connection is reset, or the serial adapter unplugged, for `duration` [s]."""
 
 
-@kind("foreign_set_points")
-class ForeignSetPoints(AtInstant):
+class ForeignSetPoints(AtInstant, kind="foreign_set_points"):
     """Set-points of another master that no device on the line receives: a target torque of `share` of rated torque,
     `count` times, every `interval` [s]. Each acts until the next set-point of either master."""
 
@@ -245,16 +212,9 @@ class ForeignSetPoints(AtInstant):
     count: Count | None = None
 
 
-AnswerDisturbance = (
-    AnswerLost
-    | AnswerDelayed
-    | AnswerSwapped
-    | AnswerGarbage
-    | AnswerCorrupted
-    | AnswerTruncated
-    | AnswerWrongUnit
-    | AnswerException
-)
+LateAnswer = AnswerLost | AnswerDelayed | AnswerSwapped
+WrongAnswer = AnswerGarbage | AnswerCorrupted | AnswerTruncated | AnswerWrongUnit | AnswerException
+AnswerDisturbance = LateAnswer | WrongAnswer
 """Kinds that concern the next answers of a drive."""
 LineDisturbance = AnswerDisturbance | ConnectionReset
 """Kinds that disturb a line or its frames."""
@@ -265,40 +225,34 @@ AnswerFault = LineDisturbance | ForeignSetPoints
 # Faults of the computer that the loop runs on, and of the hand on the handle.
 
 
-@kind("host_late")
-class HostLate(DelayAtInstant):
+class HostLate(DelayAtInstant, kind="host_late"):
     """A busy computer: the loop wakes up `delay` [s] late, the next `count` times that it waits."""
 
 
-@kind("host_paused")
-class HostPaused(AtInstant):
+class HostPaused(AtInstant, kind="host_paused"):
     """A computer that does nothing for `duration` [s], as after SIGSTOP or in sleep mode."""
 
     duration: Time
 
 
-@kind("clock_step")
-class ClockStep(AtInstant):
+class ClockStep(AtInstant, kind="clock_step"):
     """The clock of the computer steps by `step` [s]; everything else continues."""
 
     step: Annotated[float, Ge(-1000.0), Le(1000.0)]
 
 
-@kind("slow_compute")
-class SlowCompute(AtInstant):
+class SlowCompute(AtInstant, kind="slow_compute"):
     """A slow computer: each of the next `count` periods takes `extra` [s] longer."""
 
     extra: Time
     count: Count = 1
 
 
-@kind("hand_release")
-class HandRelease(AtInstant):
+class HandRelease(AtInstant, kind="hand_release"):
     """The hand releases the handle."""
 
 
-@kind("hand_hit")
-class HandHit(AtInstant):
+class HandHit(AtInstant, kind="hand_hit"):
     """A blow of the hand: an additional signed `force` [N] for `duration` [s]."""
 
     force: Annotated[float, Ge(-1000.0), Le(1000.0)] = 100.0
@@ -312,15 +266,13 @@ HandFault = HandRelease | HandHit
 # Faults of a drive and its node, from an instant on, or from power-on.
 
 
-@kind("emergency")
-class Emergency(AtInstant):
+class Emergency(AtInstant, kind="emergency"):
     """An emergency message, without any effect on the drive."""
 
     code: ErrorCode
 
 
-@kind("drive_fault")
-class DriveFault(AtInstant):
+class DriveFault(AtInstant, kind="drive_fault"):
     """A fault that the drive detects: emergency message, fault reaction, *fault*. Its cause lasts for `duration` [s];
     until then the fault cannot be reset. 0: for an instant.
     """
@@ -330,104 +282,86 @@ class DriveFault(AtInstant):
     duration: NonNegativeTime | None = 0.0
 
 
-@kind("safe_torque_off")
-class SafeTorqueOff(OpenEndAtInstant):
+class SafeTorqueOff(OpenEndAtInstant, kind="safe_torque_off"):
     """Safe torque off opens, and closes after `duration` [s]; torque ends at once."""
 
 
-@kind("node_reset")
-class NodeReset(AtInstant):
+class NodeReset(AtInstant, kind="node_reset"):
     """A restart of the node by its watchdog; the boot-up message comes `duration` [s] later."""
 
     duration: Time = 0.001
 
 
-@kind("silence")
-class Silence(OpenEndAtInstant):
+class Silence(OpenEndAtInstant, kind="silence"):
     """A disconnected cable of the node: it neither sends nor receives."""
 
 
-@kind("missing_tpdos")
-class MissingTpdos(CountAtInstant):
+class MissingTpdos(CountAtInstant, kind="missing_tpdos"):
     """The loss of the next `count` TPDOs inside the node."""
 
 
-@kind("missing_rpdos")
-class MissingRpdos(OpenCountAtInstant):
+class MissingRpdos(OpenCountAtInstant, kind="missing_rpdos"):
     """The loss of the next `count` RPDOs inside the node; the drive keeps its last set-point."""
 
 
-@kind("sync_ignored")
-class SyncIgnored(OpenCountAtInstant):
+class SyncIgnored(OpenCountAtInstant, kind="sync_ignored"):
     """The loss of the next `count` SYNC messages inside the node."""
 
 
-@kind("heartbeat_lost")
-class HeartbeatLost(AtInstant):
+class HeartbeatLost(AtInstant, kind="heartbeat_lost"):
     """The end of the node's own heartbeat; everything else continues."""
 
 
-@kind("duplicate_node")
-class DuplicateNode(AtInstant):
+class DuplicateNode(AtInstant, kind="duplicate_node"):
     """A second node with the same node-ID joins: each frame of the node is sent twice."""
 
 
-@kind("encoder_jump")
-class EncoderJump(AtInstant):
+class EncoderJump(AtInstant, kind="encoder_jump"):
     """A sudden offset of `counts` encoder counts."""
 
     counts: Counts
 
 
-@kind("position_stuck")
-class PositionStuck(OpenEndAtInstant):
+class PositionStuck(OpenEndAtInstant, kind="position_stuck"):
     """An encoder that repeats its last counts while the shaft moves."""
 
 
-@kind("encoder_scaling")
-class EncoderScaling(AtInstant):
+class EncoderScaling(AtInstant, kind="encoder_scaling"):
     """An encoder that counts `factor` times as much for the same motion from here on; negative: backwards."""
 
     factor: Annotated[float, Ge(-1000.0), Le(1000.0)]
 
 
-@kind("encoder_reversed")
-class EncoderReversed(AtInstant):
+class EncoderReversed(AtInstant, kind="encoder_reversed"):
     """An encoder that counts backwards from here on."""
 
 
-@kind("torque_dead")
-class TorqueDead(AtInstant):
+class TorqueDead(AtInstant, kind="torque_dead"):
     """A current loop without torque; the drive reports no fault, only a torque actual value of 0."""
 
 
-@kind("torque_saturated")
-class TorqueSaturated(AtInstant):
+class TorqueSaturated(AtInstant, kind="torque_saturated"):
     """A current loop that reaches no more than `share` of rated torque."""
 
     share: Share = 0.1
 
 
-@kind("torque_reversed")
-class TorqueReversed(AtInstant):
+class TorqueReversed(AtInstant, kind="torque_reversed"):
     """A motor with reversed direction: current and torque actual value are as commanded."""
 
 
-@kind("missing_node")
-class MissingNode(NamedFault):
+class MissingNode(NamedFault, kind="missing_node"):
     """A node that is absent from the bus."""
 
 
-@kind("wrong_identity")
-class WrongIdentity(NamedFault):
+class WrongIdentity(NamedFault, kind="wrong_identity"):
     """Another vendor-ID or product code in 1018h."""
 
     vendor_id: UInt32 | None = None
     product_code: UInt32 | None = None
 
 
-@kind("sdo_abort")
-class SdoRefusal(NamedFault):
+class SdoRefusal(NamedFault, kind="sdo_abort"):
     """An abort of every SDO access to one entry, with this code."""
 
     object: Annotated[int, Ge(0), Le(0xFFFF)]
@@ -435,32 +369,17 @@ class SdoRefusal(NamedFault):
     code: UInt32 = 0x0601_0002
 
 
-@kind("dead_guard")
-class DeadGuard(NamedFault):
+class DeadGuard(NamedFault, kind="dead_guard"):
     """A drive watchdog that fires after `factor` times its set time; without `factor` it never fires."""
 
     factor: Annotated[float, Ge(1), Le(1000)] | None = None
 
 
-DriveFaultKind = (
-    Emergency
-    | DriveFault
-    | SafeTorqueOff
-    | NodeReset
-    | Silence
-    | MissingTpdos
-    | MissingRpdos
-    | SyncIgnored
-    | HeartbeatLost
-    | DuplicateNode
-    | EncoderJump
-    | PositionStuck
-    | EncoderScaling
-    | EncoderReversed
-    | TorqueDead
-    | TorqueSaturated
-    | TorqueReversed
-)
+MessageFault = MissingTpdos | MissingRpdos | SyncIgnored | HeartbeatLost | DuplicateNode
+"""Kinds of the messages of a CANopen node."""
+EncoderFault = EncoderJump | PositionStuck | EncoderScaling | EncoderReversed
+MotorFault = TorqueDead | TorqueSaturated | TorqueReversed
+DriveFaultKind = Emergency | DriveFault | SafeTorqueOff | NodeReset | Silence | MessageFault | EncoderFault | MotorFault
 """Kinds of one drive that happen at an instant."""
 LastingFault = MissingNode | WrongIdentity | SdoRefusal | DeadGuard
 """Kinds that exist from power-on."""
@@ -474,18 +393,16 @@ Fault = TimedFault | LastingFault
 
 
 @dataclass(frozen=True)
-class FaultFile:
+class FaultFile(Table):
     """A file of faults: `[[fault]] kind = "silence", at = 1.0`."""
 
     fault: tuple[Annotated[Fault, ByKind()], ...] = ()
-    __pydantic_config__: ClassVar = STRICT
 
 
 def load_faults(path: str | Path) -> tuple[Fault, ...]:
     """Return the faults of a file, one at least; raises FaultFileError that lists everything wrong in it."""
     document = read_document(Path(path), FaultFileError)
-    found = document.checked(document.validate(FaultFile)).fault
-    if not found:
+    if not (found := document.checked(document.validate(FaultFile)).fault):
         raise FaultFileError(path, [FileFault("", "no fault in it; expected tables [[fault]]")])
     return found
 
@@ -511,14 +428,8 @@ def faults_on(faults: Iterable[Fault], bus: str) -> tuple[Fault, ...]:
 
 
 def _lines(fault: Fault) -> Iterable[str]:
-    # `node` and `bus` are declared first, because they are inherited; `kind` stands first for the reader.
-    for field in sorted(fields(fault), key=lambda field: field.name != "kind"):
+    for field in fields(fault):
         value = getattr(fault, field.name)
         if value != field.default and value is not None:
-            yield f"{field.name} = {_text(value)}\n"
-
-
-def _text(value: object) -> str:
-    if isinstance(value, str):
-        return f'"{value}"'
-    return str(list(value)) if isinstance(value, tuple) else repr(value)
+            # Texts, numbers and lists are written in TOML as in JSON.
+            yield f"{field.name} = {json.dumps(value, ensure_ascii=False)}\n"

@@ -7,7 +7,8 @@ that the text of a drawn fault is short and reads back as the same fault.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from random import Random
-from typing import Any
+from types import UnionType
+from typing import Any, get_args
 
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim import faults
@@ -67,69 +68,52 @@ def _of_ten(random: Random, least: float, most: float, digits: int = 5) -> float
     return round(10 ** random.uniform(least, most), digits)
 
 
-def _by_kind(recipes: Mapping[type[faults.TimedFault], Recipe]) -> Mapping[str, Draw]:
-    """Return the functions that draw a fault, by the name of its kind."""
+_KEYS: Mapping[str, Callable[[Random], Any]] = {
+    "delay": lambda random: _of_ten(random, -4.0, -1.3), "frames": _frames, "count": _count, "duration": _duration,
+}  # fmt: skip
+"""What a kind without a recipe of its own draws for its keys, in this order."""
 
-    def draw(kind: type[faults.TimedFault], name: str, recipe: Recipe) -> Draw:
+_OWN: Mapping[type[faults.TimedFault], Recipe] = {
+    faults.FrameWrongLength: lambda random: (random.randrange(9), _frames(random), _count(random)),
+    faults.FrameWrongNode: lambda random: (random.randint(1, 127), _frames(random), _count(random)),
+    faults.ForeignFrame: _foreign,
+    faults.Emergency: lambda random: (random.choice((0x1000, 0x3210, 0x4310, 0x8611)),),
+    faults.DriveFault: lambda random: (random.choice((0x2310, 0x4310, 0x7305)),),
+    faults.SafeTorqueOff: lambda random: (_flicker(random),),
+    faults.NodeReset: lambda random: (round(random.uniform(0.001, 0.2), 4),),
+    faults.MissingRpdos: lambda random: (random.choice((None, _count(random))),),
+    faults.SyncIgnored: lambda random: (random.choice((None, _count(random))),),
+    faults.EncoderJump: lambda random: (round(_signed(random, 1.0, 10 ** random.uniform(0.0, 6.0))),),
+    faults.EncoderScaling: lambda random: (round(_signed(random, 0.1, 10.0), 2),),
+    faults.TorqueSaturated: lambda random: (round(random.uniform(0.0, 0.3), 2),),
+    faults.HostPaused: lambda random: (_of_ten(random, -2.0, 0.0, 4),),
+    faults.ClockStep: lambda random: (round(_signed(random, 0.0, 10 ** random.uniform(-4.0, 0.0)), 5),),
+    faults.SlowCompute: lambda random: (_of_ten(random, -4.0, -2.0), _count(random)),
+    faults.HandHit: lambda random: (round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)),
+    faults.AnswerDelayed: lambda random: (_of_ten(random, -4.0, -0.7), _count(random)),
+    faults.AnswerTruncated: lambda random: (random.randrange(20), _count(random)),
+    faults.AnswerWrongUnit: lambda random: (random.randint(1, 247), _count(random)),
+    faults.AnswerException: lambda random: (random.choice((1, 2, 3, 4, 6, 11)), _count(random)),
+    faults.ForeignSetPoints: lambda random: (
+        round(_signed(random, 0.0, 1.0), 2), _of_ten(random, -3.0, -0.3, 4), random.choice((None, _count(random))),
+    ),
+}  # fmt: skip
+
+
+def _by_kind(union: UnionType) -> Mapping[str, Draw]:
+    """Return the functions that draw a fault, by the names of the kinds in a union."""
+
+    def draw(kind: type[faults.TimedFault], name: str) -> Draw:
+        usual = [draws for key, draws in _KEYS.items() if key in kind.__dataclass_fields__]
+        recipe: Recipe = _OWN.get(kind, lambda random: tuple(draws(random) for draws in usual))
         return lambda random, at: kind(name, at, *recipe(random))
 
-    return {name: draw(kind, name, recipe) for kind, recipe in recipes.items() for name in faults.kinds_of(kind)}
+    return {name: draw(kind, name) for kind in get_args(union) for name in faults.kinds_of(kind)}
 
 
-RECIPES = _by_kind(
-    {
-        faults.FrameDropped: lambda random: (_frames(random), _count(random)),
-        faults.FrameDelayed: lambda random: (_of_ten(random, -4.0, -1.3), _frames(random), _count(random)),
-        faults.FrameDuplicated: lambda random: (_frames(random), _count(random)),
-        faults.FrameWrongLength: lambda random: (random.randrange(9), _frames(random), _count(random)),
-        faults.FrameWrongNode: lambda random: (random.randint(1, 127), _frames(random), _count(random)),
-        faults.ForeignFrame: _foreign,
-        faults.BusOff: lambda random: (_duration(random),),
-        faults.InterfaceDown: lambda random: (_duration(random),),
-        faults.ErrorFrame: lambda random: (),
-        faults.Emergency: lambda random: (random.choice((0x1000, 0x3210, 0x4310, 0x8611)),),
-        faults.DriveFault: lambda random: (random.choice((0x2310, 0x4310, 0x7305)),),
-        faults.SafeTorqueOff: lambda random: (_flicker(random),),
-        faults.NodeReset: lambda random: (round(random.uniform(0.001, 0.2), 4),),
-        faults.Silence: lambda random: (_duration(random),),
-        faults.MissingTpdos: lambda random: (_count(random),),
-        faults.MissingRpdos: lambda random: (random.choice((None, _count(random))),),
-        faults.SyncIgnored: lambda random: (random.choice((None, _count(random))),),
-        faults.HeartbeatLost: lambda random: (),
-        faults.DuplicateNode: lambda random: (),
-        faults.EncoderJump: lambda random: (round(_signed(random, 1.0, 10 ** random.uniform(0.0, 6.0))),),
-        faults.PositionStuck: lambda random: (_duration(random),),
-        faults.EncoderScaling: lambda random: (round(_signed(random, 0.1, 10.0), 2),),
-        faults.EncoderReversed: lambda random: (),
-        faults.TorqueDead: lambda random: (),
-        faults.TorqueSaturated: lambda random: (round(random.uniform(0.0, 0.3), 2),),
-        faults.TorqueReversed: lambda random: (),
-        faults.HostLate: lambda random: (_of_ten(random, -4.0, -1.3), _count(random)),
-        faults.HostPaused: lambda random: (_of_ten(random, -2.0, 0.0, 4),),
-        faults.ClockStep: lambda random: (round(_signed(random, 0.0, 10 ** random.uniform(-4.0, 0.0)), 5),),
-        faults.SlowCompute: lambda random: (_of_ten(random, -4.0, -2.0), _count(random)),
-        faults.HandRelease: lambda random: (),
-        faults.HandHit: lambda random: (round(_signed(random, 10.0, 200.0)), round(random.uniform(0.002, 0.05), 4)),
-    }
-)
+RECIPES = _by_kind(faults.LineFault | faults.DriveFaultKind | faults.HostFault | faults.HandFault)
 """Kinds that happen at an instant, on CAN."""
-
-ANSWER_RECIPES = _by_kind(
-    {
-        faults.AnswerLost: lambda random: (_count(random),),
-        faults.AnswerDelayed: lambda random: (_of_ten(random, -4.0, -0.7), _count(random)),
-        faults.AnswerSwapped: lambda random: (_count(random),),
-        faults.AnswerGarbage: lambda random: (_count(random),),
-        faults.AnswerCorrupted: lambda random: (_count(random),),
-        faults.AnswerTruncated: lambda random: (random.randrange(20), _count(random)),
-        faults.AnswerWrongUnit: lambda random: (random.randint(1, 247), _count(random)),
-        faults.AnswerException: lambda random: (random.choice((1, 2, 3, 4, 6, 11)), _count(random)),
-        faults.ConnectionReset: lambda random: (_duration(random),),
-        faults.ForeignSetPoints: lambda random: (
-            round(_signed(random, 0.0, 1.0), 2), _of_ten(random, -3.0, -0.3, 4), random.choice((None, _count(random))),
-        ),
-    }
-)  # fmt: skip
+ANSWER_RECIPES = _by_kind(faults.AnswerFault)
 """Kinds that happen at an instant, on Modbus alone."""
 
 

@@ -68,8 +68,7 @@ class Load:
     @property
     def motor_inertia(self) -> float:
         """Return the inertia on the motor's side of the coupling [kg·m²]; without a coupling, all of it."""
-        coupling = self.mechanics.coupling
-        return self.shaft.inertia - (coupling.load_inertia if coupling is not None else 0.0)
+        return self.shaft.inertia - (self.load_inertia if self.mechanics.coupling is not None else 0.0)
 
     @property
     def load_inertia(self) -> float:
@@ -435,11 +434,9 @@ class LoadedPlant(Body):
         return leg, z
 
     def _leg_of(self, halvings: int) -> Leg:
-        sticking = self._direction == 0
-        key = (self._holder(self._grip), sticking, self._flank, halvings)
-        leg = self._legs.get(key)
-        if leg is None:
-            load, flank = self._load, self._flank
+        load, flank, sticking = self._load, self._flank, self._direction == 0
+        key = (self._holder(self._grip), sticking, flank, halvings)
+        if (leg := self._legs.get(key)) is None:
             rows = np.zeros((4, ORDER))
             rows[_SPEED, SPEED] = rows[_TWIST, TWIST] = 1.0
             rows[_PULL] = self._pull[flank]

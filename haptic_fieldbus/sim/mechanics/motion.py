@@ -70,8 +70,7 @@ class Flow:
 
     def transition(self, span_ns: int) -> Matrix:
         """Return exp(A·span), shape (n, n), for a span of whole nanoseconds."""
-        matrix = self._transitions.get(span_ns)
-        if matrix is None:
+        if (matrix := self._transitions.get(span_ns)) is None:
             if len(self._transitions) >= MAX_TRANSITIONS:
                 self._transitions.clear()
             matrix = self._transitions[span_ns] = expm(self.a * span_ns)
@@ -97,17 +96,13 @@ class Flow:
         whole = np.floor(spans_ns / self.quantum_ns).astype(np.int64)
         rest = spans_ns - whole * self.quantum_ns
         for power in range(int(whole.max(initial=0)).bit_length()):
-            rows = np.flatnonzero(whole >> power & 1)
-            if len(rows):
-                states[rows] = moved(states[rows], self.transition(1 << power + self._smallest))
-        return self._taylor(states, rest)
-
-    def _taylor(self, states: Matrix, spans_ns: Matrix) -> Matrix:
-        """Advance each state by its own span, shorter than a quantum; in place, by blocks that stay in the cache."""
+            if len(due := np.flatnonzero(whole >> power & 1)):
+                states[due] = moved(states[due], self.transition(1 << power + self._smallest))
+        # A block stays in the cache, and is advanced in place.
         transposed = self.a.T
         for first in range(0, len(states), _BLOCK):
             rows = slice(first, first + _BLOCK)
-            block, span = states[rows], spans_ns[rows, np.newaxis]
+            block, span = states[rows], rest[rows, np.newaxis]
             term = block.copy()
             for k in range(1, _TERMS):
                 term = term @ transposed
@@ -131,23 +126,18 @@ class Flow:
         if form @ end + offset >= 0.0 and not (rate @ z < 0.0 < rate @ end):
             return None
         if span_ns <= self.quantum_ns:
-            return _first_negative(self._series(z, form, offset), span_ns)
+            # form·exp(A·h)·z + offset as a polynomial in h [ns].
+            term, coefficients = z, [float(form @ z) + offset]
+            for k in range(1, _TERMS):
+                term = self.a @ term / k
+                coefficients.append(float(form @ term))
+            return _first_negative(coefficients, span_ns)
         cut_ns = 1 << math.ceil(math.log2(span_ns)) - 1
         middle = self.transition(cut_ns) @ z
-        early = self._search(z, middle, cut_ns, form, offset)
-        if early is not None:
+        if (early := self._search(z, middle, cut_ns, form, offset)) is not None:
             return early
         late = self._search(middle, end, span_ns - cut_ns, form, offset)
         return None if late is None else cut_ns + late
-
-    def _series(self, z: Matrix, form: Matrix, offset: float) -> list[float]:
-        """Return the coefficients of form·exp(A·h)·z + offset as a polynomial in h [ns]."""
-        term = z
-        coefficients = [float(form @ z) + offset]
-        for k in range(1, _TERMS):
-            term = self.a @ term / k
-            coefficients.append(float(form @ term))
-        return coefficients
 
 
 def moved(states: Matrix, transition: Matrix) -> Matrix:
@@ -240,23 +230,18 @@ class Motion:
 
     def step(self, state: State, span_ns: int) -> State:
         """Return the state after a whole number of nanoseconds."""
-        table = self._tables.get(span_ns)
-        if table is None:
+        if (table := self._tables.get(span_ns)) is None:
             if self._powers:
-                return self._by_powers(state, span_ns)
+                while span_ns:
+                    power = min(span_ns.bit_length(), LONGEST_POWER) - 1
+                    state = self._kernel(state, self._powers[power])
+                    span_ns -= 1 << power
+                return state
             # The spans of a run repeat, so the cache rarely fills.
             if len(self._tables) >= MAX_TRANSITIONS:
                 self._tables.clear()
             table = self._tables[span_ns] = self._table(span_ns)
         return self._kernel(state, table)
-
-    def _by_powers(self, state: State, span_ns: int) -> State:
-        kernel, powers = self._kernel, self._powers
-        while span_ns:
-            power = min(span_ns.bit_length(), LONGEST_POWER) - 1
-            state = kernel(state, powers[power])
-            span_ns -= 1 << power
-        return state
 
     def _table(self, span_ns: int) -> tuple[float, ...]:
         transition = self.flow.transition(span_ns)

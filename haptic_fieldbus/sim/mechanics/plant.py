@@ -72,10 +72,8 @@ class Plant(Body):
         """Return the motions that slip and stick; they are built once."""
         holder = self._holder(grip)
         if holder not in self._motions:
-            self._motions[holder] = (
-                Motion(self._shaft, grip, sticking=False),
-                Motion(self._shaft, grip, sticking=True),
-            )
+            slipping, sticking = (Motion(self._shaft, grip, sticking=sticks) for sticks in (False, True))
+            self._motions[holder] = slipping, sticking
         return self._motions[holder]
 
     def _continue(self, state: State) -> None:
@@ -119,8 +117,7 @@ class Plant(Body):
         z = np.array(before)
         left_ns = float(span_ns)
         for count in range(_MAX_EVENTS):
-            event_ns = self._first_event(z, left_ns)
-            if event_ns is None:
+            if (event_ns := self._first_event(z, left_ns)) is None:
                 # No event after all: keep the state of the cached step.
                 if count == 0:
                     return after

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from haptic_fieldbus.numerics.linear import Matrix
-from haptic_fieldbus.sim.mechanics.motion import ANGLE, FORCE, SPEED, TORQUE, Flow, State, moved
+from haptic_fieldbus.sim.mechanics.motion import ANGLE, SPEED, TORQUE, Flow, State, moved
 
 Times = NDArray[np.int64]
 
@@ -26,6 +26,7 @@ class Recorder:
         self.order = order
         self.longest = longest
         self.flows: list[Flow] = []
+        self._numbers: dict[Flow, int] = {}
         self.flow_of_segment = array("H")
         self.segments = array("d")
         self._pack = Struct(f"{2 + order}d").pack
@@ -38,19 +39,13 @@ class Recorder:
     def segment(self, t_ns: int, offset_ns: float, flow: Flow, state: State) -> None:
         """Add a segment: from t_ns + offset_ns on, the state follows this flow."""
         if flow is not self._flow:
-            self._flow, self._number = flow, self._number_of(flow)
+            self._flow, self._number = flow, self._numbers.setdefault(flow, len(self.flows))
+            if self._number == len(self.flows):
+                self.flows.append(flow)
         self.flow_of_segment.append(self._number)
         self.segments.frombytes(self._pack(t_ns, offset_ns, *state))
         if self.longest is not None and len(self.flow_of_segment) > 2 * self.longest:
             del self.flow_of_segment[: -self.longest], self.segments[: -self.longest * (2 + self.order)]
-
-    def _number_of(self, flow: Flow) -> int:
-        # From the end, because the latest flows are the most likely ones.
-        for number in range(len(self.flows) - 1, -1, -1):
-            if self.flows[number] is flow:
-                return number
-        self.flows.append(flow)
-        return len(self.flows) - 1
 
     def target(self, t_ns: int, torque: float) -> None:
         """Add a target [N·m] of the torque loop."""
@@ -90,12 +85,11 @@ class Trajectory:
         table = np.array(recorder.segments, dtype=np.float64).reshape(-1, 2 + recorder.order)
         self._start_ns = table[:, 0].astype(np.int64)
         self._offset_ns = table[:, 1].copy()
-        self._begin_ns = table[:, 0] + table[:, 1]
+        self.begins_ns = table[:, 0] + table[:, 1]
+        """Start of each segment [ns], not necessarily whole, shape (n_segments,)."""
         self._states = table[:, 2:].copy()
-        self._targets = (
-            np.array(recorder.target_times_ns, dtype=np.int64),
-            np.array(recorder.target_torques, dtype=np.float64),
-        )
+        self._target_times_ns = np.array(recorder.target_times_ns, dtype=np.int64)
+        self._target_torques = np.array(recorder.target_torques, dtype=np.float64)
 
     def sample(self, times_ns: Times) -> tuple[Matrix, Matrix, Matrix]:
         """Return position [rad], velocity [rad/s] and motor torque after the torque loop [N·m], exact, shape (n,) each.
@@ -105,21 +99,9 @@ class Trajectory:
         states = self.states(times_ns)
         return states[:, ANGLE], states[:, SPEED], states[:, TORQUE]
 
-    def hand_force(self, times_ns: Times) -> Matrix:
-        """Return the force on the hand's mass, as a torque at the motor shaft [N·m], shape (n,).
-
-        Raises ValueError for a time before the start or after `end_ns`.
-        """
-        return self.states(times_ns)[:, FORCE]
-
     def targets(self) -> tuple[Times, Matrix]:
         """Return (times [ns], torques [N·m]) of the targets that the torque loop took over, shape (n_targets,) each."""
-        return self._targets
-
-    @property
-    def begins_ns(self) -> Matrix:
-        """Return the start of each segment [ns], not necessarily whole, shape (n_segments,)."""
-        return self._begin_ns
+        return self._target_times_ns, self._target_torques
 
     def states(self, times_ns: Times) -> Matrix:
         """Return all states of the plant at each time, shape (n, order).
@@ -129,7 +111,7 @@ class Trajectory:
         times = np.asarray(times_ns, dtype=np.int64)
         if times.size and (times.min() < self._start_ns[0] or times.max() > self.end_ns):
             raise ValueError(f"the motion is known from {self._start_ns[0]} to {self.end_ns} ns")
-        segment = np.searchsorted(self._begin_ns, times.astype(np.float64), side="right") - 1
+        segment = np.searchsorted(self.begins_ns, times.astype(np.float64), side="right") - 1
         spans = np.maximum((times - self._start_ns[segment]).astype(np.float64) - self._offset_ns[segment], 0.0)
         # The first time of each evenly spaced run is followed from the start of its segment. Then the states of the
         # ranks 2^d to 2^(d+1) − 1 follow from known ones by one matrix product for all of them.

@@ -4,31 +4,22 @@ Requests come from a line, simulated or real. Everything random (serial number, 
 count) is drawn from the seed.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from random import Random
-from typing import Protocol
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.register_traffic import TCP_OCTETS
 from haptic_fieldbus.sim import NEVER_NS, faults
-from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until
-from haptic_fieldbus.sim.drive.core import Operation
+from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.modbus.unit import Unit, Watchdog
+from haptic_fieldbus.sim.modbus.unit import Unit
 
 # Faults of answers on their way to the master: what arrives, and when.
 
 GARBAGE = (1, 40)
 """Least and greatest number of random octets in place of an answer."""
-
-
-@dataclass
-class _NextAnswers:
-    fault: faults.AnswerDisturbance
-    unit: int
-    left: int
 
 
 class AnswerDisturbances:
@@ -37,29 +28,27 @@ class AnswerDisturbances:
     def __init__(self, seed: int | str, *, serial: bool) -> None:
         self._random = Random(f"{seed}/answers")
         self._serial = serial
-        self.waiting: list[_NextAnswers] = []
+        self.waiting: list[tuple[int, faults.AnswerDisturbance]] = []
+        """Faults with the units that they concern; the `count` of each is what is left of it."""
         self._held: list[bytes] = []
         """Answers held back until the next request."""
 
     def add(self, fault: faults.AnswerDisturbance, unit: int) -> None:
         """Disturb the next answers of a drive."""
-        self.waiting.append(_NextAnswers(fault, unit, fault.count))
+        self.waiting.append((unit, fault))
 
     def take(self, unit: int) -> faults.AnswerDisturbance | None:
         """Return the fault of this answer, and count it; None when it has none."""
-        for waiting in self.waiting:
-            if waiting.unit == unit:
-                waiting.left -= 1
-                if not waiting.left:
-                    self.waiting.remove(waiting)
-                return waiting.fault
+        for place, (number, fault) in enumerate(self.waiting):
+            if number == unit:
+                left = [(unit, replace(fault, count=fault.count - 1))] if fault.count > 1 else []
+                self.waiting[place : place + 1] = left
+                return fault
         return None
 
     def released(self) -> list[bytes]:
         """Return the answers that were held back until this request."""
-        held = self._held
-        if held:
-            self._held = []
+        held, self._held = self._held, []
         return held
 
     def arriving(self, fault: faults.AnswerDisturbance, octets: bytes) -> Iterator[tuple[int, bytes]]:
@@ -86,66 +75,55 @@ class AnswerDisturbances:
                 yield 0, octets
 
 
-_OF_CANOPEN = (
-    faults.Emergency
-    | faults.MissingTpdos
-    | faults.MissingRpdos
-    | faults.SyncIgnored
-    | faults.HeartbeatLost
-    | faults.DuplicateNode
-    | faults.SdoRefusal
-    | faults.LineFault
-)
+_OF_CANOPEN = faults.Emergency | faults.MessageFault | faults.SdoRefusal | faults.LineFault
 KINDS = faults.kinds_of(faults.Fault) - faults.kinds_of(_OF_CANOPEN)
 """Kinds of faults that a line and its drives may have."""
 
 
-class FaultyLine(Protocol):
-    """The line and the master's side of it, for faults that are not faults of a drive."""
-
-    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None: ...
-
-    def host_fault(self, fault: faults.HostFault) -> None: ...
+InjectLine = Callable[[faults.LineDisturbance | faults.HostFault, int, int], None]
+"""Function that applies a fault of the line or of the host: the fault, the unit id of a drive, and the time [ns]."""
 
 
 class SimulatedUnits(DriveBench):
     """The drives by unit id; all times are those of one clock [ns]."""
 
-    def __init__(self, line: FaultyLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
+    of_line = faults.ConnectionReset | faults.HostFault
+
+    def __init__(self, inject_line: InjectLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
         self.units: dict[int, Unit] = {}
         self.now_ns = 0
         """Time up to which timers and actions have been served."""
-        self._timers: list[Operation | Watchdog] = []
-        """Timers of the drives, each with a `due_ns` of its own."""
-        self._line = line
+        self._inject_line = inject_line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
         """Power a drive on; raises ValueError when its unit id is taken."""
         if slot.node in self.units:
             raise ValueError(f"unit {slot.node} is on this line already")
-        settings, hand = self.drawn(slot)
-        unit = Unit(slot.node, slot.profile, slot.axis, hand, settings, t_ns)
-        install, action = partial(_install, unit=unit), partial(self._action, unit)
-        self.follow(unit.drive, slot, faults.ConnectionReset | faults.HostFault, install, action)
-        unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
+        unit = Unit(with_faulty_hand(slot), self.drawn(slot), t_ns)
         self.units[slot.node] = unit
-        self._timers += unit.timers
+        self.follow(unit.drive, slot)
+        unit.drive.on_enabled = partial(_enabled, unit, unit.drive.on_enabled)
+        self.timed += unit.timers
         unit.power_on(t_ns)
         return unit
 
-    @property
-    def due_ns(self) -> int:
-        """Return the time of the next timer or planned action; NEVER_NS when there is none."""
-        due_ns = self.queue.due_ns
-        for timers in self._timers:
-            if timers.due_ns < due_ns:
-                due_ns = timers.due_ns
-        return due_ns
+    def install(self, fault: faults.LastingFault, node: int) -> None:
+        unit = self.units[node]
+        match fault:
+            case faults.MissingNode():
+                unit.silent_until_ns = NEVER_NS
+            case faults.DeadGuard(factor=factor):
+                unit.watchdog.factor = factor
+            case faults.WrongIdentity(product_code=code):
+                for entry in unit.identity:
+                    entry.start_with(code if code is not None else entry.value ^ 1)
+            case _:
+                raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 
     def run(self, until_ns: int) -> None:
         """Serve all timers and actions up to and including this instant, each at its own."""
-        while (due_ns := self.due_ns) <= until_ns:
+        while (due_ns := self.next_due_ns) <= until_ns:
             self.serve(due_ns)
         if until_ns > self.now_ns:
             self.now_ns = until_ns
@@ -160,18 +138,12 @@ class SimulatedUnits(DriveBench):
                     unit.timer(due_ns)
                     break
 
-    def let_happen(self, fault: TimedFault, number: int, t_ns: int) -> None:
-        """Plan a fault of a drive or of the line, whose `at` counts from `t_ns`."""
-        self.plan_fault(fault, self._action(self.units[number], fault), t_ns)
-
-    def _action(self, unit: Unit, fault: TimedFault) -> Action:
-        """Return the action of a fault on its drive or on the line."""
-        if isinstance(fault, faults.HostFault):
-            return lambda _t_ns: self._line.host_fault(fault)
+    def action(self, node: int, fault: TimedFault) -> Action:
+        unit = self.units[node]
         if isinstance(fault, faults.ForeignSetPoints):
             return partial(self._meddle, fault, unit, 1)
-        if isinstance(fault, faults.AnswerFault):
-            return partial(self._line.disturb, fault, unit.number)
+        if isinstance(fault, faults.AnswerFault | faults.HostFault):
+            return partial(self._inject_line, fault, node)
         if not isinstance(fault, faults.DriveFaultKind):
             raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
         return partial(inject_unit, fault, unit, self.queue.plan)
@@ -184,22 +156,9 @@ class SimulatedUnits(DriveBench):
 
 
 def _enabled(unit: Unit, begin: Action, t_ns: int) -> None:
-    unit.enabled(t_ns)
+    """Count the time of the watch, and that of the faults, from *operation enabled*."""
+    unit.watchdog.restart(t_ns)
     begin(t_ns)
-
-
-def _install(fault: faults.LastingFault, unit: Unit) -> None:
-    """Apply a fault that exists from power-on; raises ValueError for a fault that this drive cannot have."""
-    match fault:
-        case faults.MissingNode():
-            unit.silent_until_ns = NEVER_NS
-        case faults.DeadGuard(factor=factor):
-            unit.watchdog.factor = factor
-        case faults.WrongIdentity(product_code=code):
-            for entry in unit.identity:
-                entry.start_with(code if code is not None else entry.value ^ 1)
-        case _:
-            raise ValueError(f"drives on Modbus do not support the fault {fault.kind}")
 
 
 def inject_unit(fault: faults.DriveFaultKind, unit: Unit, plan: Plan, t_ns: int) -> None:

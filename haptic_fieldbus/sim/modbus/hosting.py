@@ -73,7 +73,7 @@ class Connection(ServerRequestHandler):
             if not self._serial and starts_no_frame(self._octets):
                 self.reset()
                 return
-            used, asked = self._requests.station.next(self._octets)
+            used, asked = self._requests.next(self._octets)
             if not used:
                 return
             self._octets = self._octets[used:]
@@ -101,7 +101,7 @@ class Server:
     """Drives on one TCP port or one serial device."""
 
     def __init__(self, clock: Clock, seed: int, *, serial: bool, longest: int | None) -> None:
-        self.requests = RequestServer(self, seed, serial=serial, longest=longest)
+        self.requests = RequestServer(self.inject_line, seed, serial=serial, longest=longest)
         self._clock = clock
         self._listener: ModbusBaseServer | None = None
         self._connections: list[Connection] = []
@@ -124,19 +124,14 @@ class Server:
         if self._listener is not None:
             await self._listener.shutdown()  # type: ignore[no-untyped-call]
 
-    # Faults (see `drives.FaultyLine`).
-
-    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
-        """Disturb the next answers of a drive, or end all connections."""
-        if not isinstance(fault, faults.ConnectionReset):
+    def inject_line(self, fault: faults.LineDisturbance | faults.HostFault, number: int, t_ns: int) -> None:
+        """Disturb the next answers of a drive, or end all connections; `resolve` refuses faults of the host."""
+        if isinstance(fault, faults.ConnectionReset):
+            self._dead_until_ns = until(t_ns, fault.duration)
+            for connection in self._connections:
+                connection.reset()
+        elif not isinstance(fault, faults.HostFault):
             self.requests.disturbances.add(fault, number)
-            return
-        self._dead_until_ns = until(t_ns, fault.duration)
-        for connection in self._connections:
-            connection.reset()
-
-    def host_fault(self, fault: faults.HostFault) -> None:
-        """Never called: `resolve` refuses this fault."""
 
     # Inside.
 
@@ -157,18 +152,19 @@ class Server:
         return transport
 
 
-class _TcpServer(ModbusTcpServer):
+class _Listener:
     connected: Callable[[], Connection]
 
     def callback_new_connection(self) -> Connection:
         return self.connected()
 
 
-class _SerialServer(ModbusSerialServer):
-    connected: Callable[[], Connection]
+class _TcpServer(_Listener, ModbusTcpServer):
+    """A server on a TCP port."""
 
-    def callback_new_connection(self) -> Connection:
-        return self.connected()
+
+class _SerialServer(_Listener, ModbusSerialServer):
+    """A server on a serial device."""
 
 
 PTY = "pty"
@@ -196,43 +192,34 @@ def host(
     Raises BusError when the bus cannot be opened, and ValueError when two drives have the same unit id. Raises
     PlanError for drives that are not made for such a line.
     """
-    line_of(modbus_section(bus.section), [modbus_profile(slot.profile) for slot in slots])
-    asyncio.run(_host(bus, slots, seed, ready, stopped, tell, opened))
-    return 0
-
-
-async def _host(
-    bus: BusName,
-    slots: Sequence[DriveOnBus],
-    seed: int,
-    ready: Callable[[DriveOnBus], None],
-    stopped: Callable[[], bool],
-    tell: Callable[[str], None],
-    opened: Callable[[BusName], None],
-) -> None:
     section, clock = modbus_section(bus.section), MonotonicClock()
+    line_of(section, [modbus_profile(slot.profile) for slot in slots])
     errors = port_errors() if section.serial else (OSError, UnicodeError)
-    server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
-    for slot in slots:
-        server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
-    with device(section) as (own, theirs):
-        try:
-            joined = await listen(server, own, theirs, slots)
-        except errors as error:
-            raise translate(error, bus.text) from error
-        try:
-            name = protocol_named(section.protocol).bus_name(joined)
-            opened(name)
-            if joined.channel.startswith(PSEUDO_TERMINALS):
-                tell(WITHOUT_PARITY.format(joined.channel))
-            with frozen():
-                for slot in slots:
-                    ready(slot)
-                while not stopped():
-                    await asyncio.sleep(NAP_NS * 1e-9)
-                    server.requests.drives.run(clock.now_ns())
-        finally:
-            await server.close()
+
+    async def serve() -> None:
+        server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
+        for slot in slots:
+            server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
+        with device(section) as (own, theirs):
+            try:
+                joined = await listen(server, own, theirs, slots)
+            except errors as error:
+                raise translate(error, bus.text) from error
+            try:
+                opened(protocol_named(section.protocol).bus_name(joined))
+                if joined.channel.startswith(PSEUDO_TERMINALS):
+                    tell(WITHOUT_PARITY.format(joined.channel))
+                with frozen():
+                    for slot in slots:
+                        ready(slot)
+                    while not stopped():
+                        await asyncio.sleep(NAP_NS * 1e-9)
+                        server.requests.drives.run(clock.now_ns())
+            finally:
+                await server.close()
+
+    asyncio.run(serve())
+    return 0
 
 
 async def listen(

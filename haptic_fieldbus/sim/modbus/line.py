@@ -63,7 +63,7 @@ class SimulatedLine(DrivenBus):
         """With `echo` the master receives its own frames, as with some adapters."""
         self.name, self.serial = name, serial
         self._wire, self._host, self._clock, self._echo = wire, clock, truth_of(clock), echo
-        self._requests = RequestServer(self, seed, serial=serial)
+        self._requests = RequestServer(self.inject_line, seed, serial=serial)
         self._drives = self._requests.drives
         super().__init__(self._drives)
         self._coming: list[_Arrival] = []
@@ -90,11 +90,6 @@ class SimulatedLine(DrivenBus):
         """Call `callback` with every frame."""
         self._taps.append(callback)
 
-    def let_happen(self, number: int, fault: faults.DriveFaultKind | faults.AnswerFault | faults.HostFault) -> None:
-        """Plan a fault of a drive or of its line; its `at` counts from the present."""
-        self.run()
-        self._drives.let_happen(fault, number, self._clock.now_ns())
-
     # The transport.
 
     def tune(self, baud: int, parity: Parity, stop_bits: int) -> None:
@@ -117,7 +112,7 @@ class SimulatedLine(DrivenBus):
             self._comes(begin_ns, frame)
         for octets in self._requests.disturbances.released():
             self._comes(begin_ns + self._way_ns, octets)
-        _, asked = self._requests.station.next(frame)
+        _, asked = self._requests.next(frame)
         if asked is not None and not glued:
             heard_ns = end_ns + self._way_ns + self._silence_ns
             self._drives.queue.plan(heard_ns + self._answer_ns(asked), partial(self._execute, asked))
@@ -125,11 +120,10 @@ class SimulatedLine(DrivenBus):
     def receive(self, deadline_ns: int) -> bytes:
         """Return the octets that have arrived; the clock advances to the end of an answer, or to the deadline [ns]."""
         clock, drives, now_ns = self._clock, self._drives, self._check_alive()
-        octets = self._taken(now_ns)
-        if octets:
+        if octets := self._taken(now_ns):
             return octets
         limit_ns = now_ns + max(0, deadline_ns - self._host.now_ns())
-        while (due_ns := drives.due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
+        while (due_ns := drives.next_due_ns) <= (end_ns := min(limit_ns, self._next_ns)):
             drives.serve(due_ns)
             if self._broken:
                 clock.sleep_until(min(limit_ns, self._dead_since_ns))
@@ -161,19 +155,20 @@ class SimulatedLine(DrivenBus):
 
     # Faults.
 
-    def disturb(self, fault: faults.LineDisturbance, number: int, t_ns: int) -> None:
-        """Disturb the next answers of a drive, or break the line."""
-        if isinstance(fault, faults.ConnectionReset):
+    def inject_line(self, fault: faults.LineDisturbance | faults.HostFault, number: int, t_ns: int) -> None:
+        """Disturb the next answers of a drive, or break the line, or let a fault of the master's computer happen.
+
+        Raises ValueError for the last one when the clock of the host is not simulated.
+        """
+        if isinstance(fault, faults.HostFault):
+            if not isinstance(self._host, HostClock):
+                raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
+            self._host.happen(fault)
+        elif isinstance(fault, faults.ConnectionReset):
             self._broken, self._dead_since_ns, self._dead_until_ns = True, t_ns, until(t_ns, fault.duration)
             self._lose()
         else:
             self._requests.disturbances.add(fault, number)
-
-    def host_fault(self, fault: faults.HostFault) -> None:
-        """Let a fault of the master's computer happen; raises ValueError when its clock is not simulated."""
-        if not isinstance(self._host, HostClock):
-            raise ValueError(f'fault "{fault.kind}" needs a simulated clock of the host')
-        self._host.happen(fault)
 
     # Inside.
 

@@ -59,28 +59,23 @@ class Registers:
         self.reader = lru_cache(maxsize=256)(self._new_reader)
         self._writer = lru_cache(maxsize=256)(self._new_writer)
 
-    def add(self, register: Register, reads: Entry, writes: Entry | None = None) -> None:
-        """Put a value behind its registers; a second value at the same address adds the write access."""
+    def add(self, register: Register, entry: Entry) -> None:
+        """Put an entry behind its registers, with its access rights; a second one adds the write access."""
+        reads, writes = entry, entry if entry.access is Access.RW else None
         self.reader.cache_clear()
         self._writer.cache_clear()
-        before = self._cells.get(register.address)
-        if before is not None:
+        if (before := self._cells.get(register.address)) is not None:
             reads, writes = before.reads, writes or before.writes
         self._cells[register.address] = RegisterCell(register, reads, writes)
         for address in range(register.address, register.address + register.count):
             self._owner[address] = register.address
-
-    def both(self, register: Register, entry: Entry) -> None:
-        """Put an entry behind its registers, with its access rights."""
-        self.add(register, entry, entry if entry.access is Access.RW else None)
 
     def __contains__(self, address: int) -> bool:
         return address in self._owner
 
     def write(self, address: int, octets: bytes) -> tuple[Entry, ...] | Refusal:
         """Write registers, all or none; return the entries that were written."""
-        block = self._writer(address, len(octets) // 2)
-        if block is None:
+        if (block := self._writer(address, len(octets) // 2)) is None:
             return Refusal.ADDRESS
         codec, entries, fields, listeners = block
         words, values = codec.unpack(octets), []
@@ -104,8 +99,7 @@ class Registers:
             return Refusal.FUNCTION
         if not 1 <= count <= self._line.longest_read:
             return Refusal.VALUE
-        cells = self._found(address, count)
-        if cells is None:
+        if (cells := self._found(address, count)) is None:
             return Refusal.ADDRESS
         sources = [(cell.reads, _MASKS[cell.register.count], self._is_turned(cell)) for cell in cells]
         pack = _codec(address, count, cells).pack

@@ -7,7 +7,7 @@ of it is carried out. Function 23 writes before it reads. All drives execute a b
 answers. A request to a missing unit, or with a wrong checksum, gets no answer.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from struct import Struct
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from pymodbus.pdu.register_message import (
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, READ_INPUT, WRITE_MULTIPLE, WRITE_SINGLE
 from haptic_fieldbus.sim import faults
-from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, FaultyLine, SimulatedUnits
+from haptic_fieldbus.sim.modbus.drives import AnswerDisturbances, InjectLine, SimulatedUnits
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 
@@ -48,48 +48,6 @@ class ServerRequest(NamedTuple):
     writes: tuple[int, bytes] | None = None
     valid: bool = True
     """False: the function or its arguments do not exist in Modbus."""
-
-
-class Station:
-    """The drives on one line, by unit id."""
-
-    def __init__(self, units: Mapping[int, Unit], *, serial: bool) -> None:
-        self._units, self._serial = units, serial
-        self._decoder = DecodePDU(True)
-        self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(self._decoder)
-
-    def next(self, octets: bytes) -> tuple[int, ServerRequest | None]:
-        """Return how many octets were used, and the first request in them; (0, None) when more are needed."""
-        if not self._serial and len(octets) > _MBAP.size:
-            # The usual case on TCP: one whole request and nothing else.
-            transaction, protocol, length, unit = _MBAP.unpack_from(octets)
-            if not protocol and length == len(octets) - _HEADER_OCTETS:
-                asked = usual_request(unit, transaction, octets[_MBAP.size :])
-                if asked is not None:
-                    return len(octets), asked
-        used, unit, transaction, body = self._framer.decode(octets)
-        if not used or not body:
-            return used, None
-        asked = usual_request(unit, transaction, body)
-        return used, asked or any_request(unit, transaction, body, self._decoder.decode(body))
-
-    def carry_out(self, asked: ServerRequest, t_ns: int) -> bytes | None:
-        """Execute a request at this time and return the PDU of its answer; None without an answer."""
-        addressed = self._units.get(asked.unit)
-        if addressed is not None and addressed.hears(t_ns):
-            outcome = _carry_out(asked, addressed, t_ns)
-            return outcome if isinstance(outcome, bytes) else exception_for(asked, outcome)
-        if asked.unit == EVERYBODY:
-            for unit in self._units.values():
-                if unit.hears(t_ns):
-                    _carry_out(asked, unit, t_ns)
-        return None
-
-    def frame(self, asked: ServerRequest, answer: bytes) -> bytes:
-        """Return the octets of an answer."""
-        if self._serial:
-            return self._framer.encode(answer, asked.unit, asked.transaction)
-        return _MBAP.pack(asked.transaction, 0, len(answer) + 1, asked.unit) + answer
 
 
 def starts_no_frame(octets: bytes) -> bool:
@@ -171,11 +129,44 @@ class RequestServer:
     """The drives of a line behind octets; all times are those of one clock [ns]."""
 
     def __init__(
-        self, line: FaultyLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
+        self, inject_line: InjectLine, seed: int | str = DEFAULT_SEED, *, serial: bool, longest: int | None = None
     ) -> None:
-        self.drives = SimulatedUnits(line, seed, longest)
-        self.station = Station(self.drives.units, serial=serial)
+        self.drives = SimulatedUnits(inject_line, seed, longest)
         self.disturbances = AnswerDisturbances(seed, serial=serial)
+        self._units, self._serial, self._decoder = self.drives.units, serial, DecodePDU(True)
+        self._framer: FramerBase = (FramerRTU if serial else FramerSocket)(self._decoder)
+
+    def next(self, octets: bytes) -> tuple[int, ServerRequest | None]:
+        """Return how many octets were used, and the first request in them; (0, None) when more are needed."""
+        if not self._serial and len(octets) > _MBAP.size:
+            # The usual case on TCP: one whole request and nothing else.
+            transaction, protocol, length, unit = _MBAP.unpack_from(octets)
+            is_whole = not protocol and length == len(octets) - _HEADER_OCTETS
+            if is_whole and (asked := usual_request(unit, transaction, octets[_MBAP.size :])) is not None:
+                return len(octets), asked
+        used, unit, transaction, body = self._framer.decode(octets)
+        if not used or not body:
+            return used, None
+        asked = usual_request(unit, transaction, body)
+        return used, asked or any_request(unit, transaction, body, self._decoder.decode(body))
+
+    def carry_out(self, asked: ServerRequest, t_ns: int) -> bytes | None:
+        """Execute a request at this time and return the PDU of its answer; None without an answer."""
+        addressed = self._units.get(asked.unit)
+        if addressed is not None and addressed.hears(t_ns):
+            outcome = _carry_out(asked, addressed, t_ns)
+            return outcome if isinstance(outcome, bytes) else exception_for(asked, outcome)
+        if asked.unit == EVERYBODY:
+            for unit in self._units.values():
+                if unit.hears(t_ns):
+                    _carry_out(asked, unit, t_ns)
+        return None
+
+    def frame(self, asked: ServerRequest, answer: bytes) -> bytes:
+        """Return the octets of an answer."""
+        if self._serial:
+            return self._framer.encode(answer, asked.unit, asked.transaction)
+        return _MBAP.pack(asked.transaction, 0, len(answer) + 1, asked.unit) + answer
 
     def answer(self, asked: ServerRequest, t_ns: int) -> Iterable[tuple[int, bytes]]:
         """Execute a request; return the frames that arrive as its answer: additional delay [ns] and octets."""
@@ -185,10 +176,10 @@ class RequestServer:
         if isinstance(fault, faults.AnswerException):
             answer: bytes | None = exception_for(asked, fault.code)
         else:
-            answer = self.station.carry_out(asked, t_ns)
+            answer = self.carry_out(asked, t_ns)
         if answer is None:
             return ()
         if isinstance(fault, faults.AnswerWrongUnit):
             asked = asked._replace(unit=fault.to)
-        octets = self.station.frame(asked, answer)
+        octets = self.frame(asked, answer)
         return ((0, octets),) if fault is None else self.disturbances.arriving(fault, octets)

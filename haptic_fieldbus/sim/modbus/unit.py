@@ -11,7 +11,6 @@ from fractions import Fraction
 from haptic_fieldbus.drive import cia402
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.drive.power import PowerRow, PowerState
-from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
 from haptic_fieldbus.protocols.modbus.profile import (
     ModbusProfile,
@@ -23,15 +22,14 @@ from haptic_fieldbus.protocols.modbus.profile import (
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.drive.core import Drive, Operation
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry, one_of
-from haptic_fieldbus.sim.drive.objects import DISABLE
+from haptic_fieldbus.sim.drive.objects import CYCLIC_TORQUE, DISABLE
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive.settings import DriveSettings, steps_of_position
-from haptic_fieldbus.sim.hand import Hand
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers
 
 # The drive inside: a drive with the objects of CiA 402 that stands behind the registers of a Modbus profile.
 
-CYCLIC_TORQUE = 10
 POSITION, VELOCITY, TARGET, ACTUAL, DEMAND, RATED = 0x6064, 0x606C, 0x6071, 0x6077, 0x6074, 0x6076
 ABORT_OPTION, REACTION_OPTION = 0x6007, 0x605E
 
@@ -113,13 +111,6 @@ class Watchdog:
         on = self.time.value and self.factor is not None
         self.due_ns = t_ns + round(self.time.value * self._unit_ns * (self.factor or 0.0)) if on else NEVER_NS
 
-    def expired(self, t_ns: int) -> bool:
-        """Return whether the time is over, once."""
-        if self.due_ns > t_ns:
-            return False
-        self.due_ns = NEVER_NS
-        return True
-
 
 # Command and status of a drive that has no controlword: a mode register or an opcode, by the rows of its profile.
 #
@@ -183,18 +174,10 @@ _OBJECTS = (0x1000, 0xFFFF)
 class Unit:
     """One drive under a unit id; it is the `DriveLink` of the drive."""
 
-    def __init__(
-        self,
-        number: int,
-        profile: DriveProfile,
-        axis: RigAxis,
-        hand: Hand | None = None,
-        settings: DriveSettings | None = None,
-        t_ns: int = 0,
-    ) -> None:
+    def __init__(self, slot: DriveOnBus, settings: DriveSettings | None = None, t_ns: int = 0) -> None:
         """Build the drive at `t_ns`, without voltage yet; `power_on` follows."""
-        self.number = number
-        self.profile: ModbusProfile = modbus_profile(profile)
+        self.number = slot.node
+        self.profile: ModbusProfile = modbus_profile(slot.profile)
         self.functions = self.profile.line.functions
         """Functions that the drive understands."""
         self.answer_ns = round(self.profile.line.answer_time * 1e9)
@@ -204,14 +187,14 @@ class Unit:
         self.causes: set[object] = set()
         """Causes of faults that last."""
         settings = replace(settings or DriveSettings(), full_scale=self.profile.torque.full_scale)
-        self.drive = Drive(inner_profile(self.profile), axis, self, hand, settings, t_ns)
+        self.drive = Drive(inner_profile(self.profile), slot, self, settings, t_ns)
         self.registers = Registers(self.profile.line)
         self.identity: list[Entry] = []
         self._kept: list[Entry] = []
         """Entries without an object."""
         self._now_ns = t_ns
         self._lost_master = 0
-        self._scale_position(axis)
+        self._scale_position(slot.axis)
         self._power_registers = self._add_power()
         self.watchdog = self._add_watchdog()
         self.timers: tuple[Operation | Watchdog, ...] = (self.drive.operation, self.watchdog)
@@ -224,9 +207,10 @@ class Unit:
     def timer(self, t_ns: int) -> None:
         """Serve the timers that are due."""
         self._now_ns = t_ns
-        if self.drive.due_ns <= t_ns:
-            self.drive.timer(t_ns)
-        if self.watchdog.expired(t_ns):
+        if self.drive.operation.due_ns <= t_ns:
+            self.drive.operation.timer(t_ns)
+        if self.watchdog.due_ns <= t_ns:
+            self.watchdog.due_ns = NEVER_NS
             self.drive.link_lost(self._lost_master, t_ns)
 
     def power_on(self, t_ns: int, duration_ns: int = 0) -> None:
@@ -241,10 +225,6 @@ class Unit:
             self._power_registers.command.reset()
         self.watchdog.restart(t_ns)
 
-    def enabled(self, t_ns: int) -> None:
-        """Count the time of the watch from *operation enabled* too."""
-        self.watchdog.restart(t_ns)
-
     # Called by the station.
 
     def hears(self, t_ns: int) -> bool:
@@ -253,8 +233,7 @@ class Unit:
 
     def read(self, function: int, address: int, count: int, t_ns: int) -> bytes | Refusal:
         """Return the octets of registers at this time, or the reason of the refusal."""
-        reader = self.registers.reader(function, address, count)
-        if isinstance(reader, Refusal):
+        if isinstance(reader := self.registers.reader(function, address, count), Refusal):
             return reader
         self._now_ns = t_ns
         self.drive.measure(t_ns)
@@ -267,8 +246,7 @@ class Unit:
         self._now_ns = t_ns
         # Nothing that is measured is read here, so only the shaft is brought up to date.
         self.drive.servo.advance(t_ns)
-        outcome = self.registers.write(address, octets)
-        if isinstance(outcome, Refusal):
+        if isinstance(outcome := self.registers.write(address, octets), Refusal):
             return outcome
         self._watch(outcome, t_ns)
         return None
@@ -308,21 +286,20 @@ class Unit:
             return
         steps = Fraction(steps_of_position(position.actual.unit, axis)).limit_denominator(1_000_000)
         for subindex, value in ((1, steps.numerator), (2, steps.denominator)):
-            entry = table[0x6092, subindex]
-            entry.start_with(value)
+            table[0x6092, subindex].start_with(value)
         self.drive.units.update()
 
     def _add_power(self) -> PowerRegisters | None:
         power, objects, drive = self.profile.power, self.drive.objects, self.drive
         if power.error is not None:
-            self.registers.both(power.error, objects.error_code)
+            self.registers.add(power.error, objects.error_code)
         if power.table == "cia402":
-            self.registers.both(power.status, objects.statusword)
-            self.registers.both(power.command, objects.controlword)
+            self.registers.add(power.status, objects.statusword)
+            self.registers.add(power.command, objects.controlword)
             return None
         power_registers = PowerRegisters(power, lambda: drive.power.state, self._obey)
         self.registers.add(power.status, power_registers.status)
-        self.registers.add(power.command, power_registers.command, power_registers.command)
+        self.registers.add(power.command, power_registers.command)
         # No register tells this drive its mode of operation in the words of CiA 402.
         objects.mode.value = objects.mode.default = CYCLIC_TORQUE
         if all(row.state is not PowerState.FAULT_REACTION_ACTIVE for row in power.rows):
@@ -336,12 +313,11 @@ class Unit:
 
     def _add_watchdog(self) -> Watchdog:
         """Add the registers of the watch; without any its time is 0 for ever."""
-        section = self.profile.watchdog
-        if section is None:
+        if (section := self.profile.watchdog) is None:
             return Watchdog(Entry(0, 0, DataType.UINT16), "ms")
         self._lost_master = LOST_MASTER if section.fault is None else section.fault
         watchdog = Watchdog(self._keep(section.time), section.time.unit)
-        self.registers.both(section.time, watchdog.time)
+        self.registers.add(section.time, watchdog.time)
         return watchdog
 
     def _add_signals(self) -> None:
@@ -359,7 +335,7 @@ class Unit:
             pairs += [(mode.write, objects.mode), (mode.display, objects.mode_display)]
         for register, entry in pairs:
             if register is not None and entry is not None:
-                self.registers.both(register, entry)
+                self.registers.add(register, entry)
         if torque.limit is not None:
             self._add_limit(torque.limit)
 
@@ -376,29 +352,26 @@ class Unit:
 
         entry.changed = changed
         self._kept.append(entry)
-        self.registers.both(register, entry)
+        self.registers.add(register, entry)
 
     def _add_others(self) -> None:
         profile, mode = self.profile, self.profile.mode
         for identity in profile.identity:
             value = identity.values[0] if identity.values else 0
             self.identity.append(Entry(0, 0, identity.type, value, Access.CONST))
-            self.registers.both(identity, self.identity[-1])
+            self.registers.add(identity, self.identity[-1])
         if profile.serial is not None:
             number = self.drive.settings.serial % (profile.serial.type.limits[1] + 1)
-            self.registers.both(profile.serial, Entry(0, 0, profile.serial.type, number, Access.CONST))
+            self.registers.add(profile.serial, Entry(0, 0, profile.serial.type, number, Access.CONST))
         others: list[Register] = list(written_registers(profile))
         if mode is not None and profile.power.table != "cia402":
             others.append(mode.write)
         for register in others:
             if register.address not in self.registers:
-                self.registers.both(register, self._entry_of(register))
-
-    def _entry_of(self, register: Register) -> Entry:
-        """Return the object of a register, otherwise an entry that stores the written value."""
-        if register.object is not None and register.object in self.drive.dictionary:
-            return self.drive.dictionary.find(register.object)
-        return self._keep(register)
+                # The object of a register, otherwise an entry that stores the written value.
+                known = register.object is not None and register.object in self.drive.dictionary
+                entry = self.drive.dictionary.find(register.object or 0) if known else self._keep(register)
+                self.registers.add(register, entry)
 
     def _keep(self, register: Register) -> Entry:
         entry = Entry(0, 0, register.type, access=Access.RW)

@@ -10,6 +10,7 @@ from haptic_fieldbus.sim.canopen import bus as module
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus, embedded_bus, publish
 from haptic_fieldbus.sim.canopen.world import LONGEST_WAIT_NS, World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
+from haptic_fieldbus.sim.faults import BusOff
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -248,7 +249,7 @@ class TestSend:
         world.add(DriveOnBus(NODE, profile(), axis()))
         with SimulatedBus(world=world) as bus:
             states = [bus.state]
-            world.bus_off(0, 1 << 62)
+            world.inject_line(BusOff("bus_off", 0.0), 0)
             error = bus.recv(0)
             assert error is not None
             assert error.is_error_frame

@@ -12,12 +12,11 @@ import can
 import pytest
 
 from haptic_fieldbus.clock import MonotonicClock, VirtualClock
-from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.world import RECEIVE_ROOM, TRANSMIT_ROOM, PacedByClock, Stepped, World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import DriveFault
+from haptic_fieldbus.sim.faults import BusOff, DriveFault
 from tests.sim.bench import NODE, axis, profile
 
 CHANNEL = "maxon_epos4@5,generic_cia402@6"
@@ -259,7 +258,7 @@ def test_faults_of_the_link_reach_every_program_of_a_paced_world() -> None:
     world = World(MonotonicClock())
     world.add(DriveOnBus(NODE, profile(), axis()))
     with SimulatedBus(world=world) as one, SimulatedBus(world=world) as other:
-        world.bus_off(world.clock.now_ns(), NEVER_NS)
+        world.inject_line(BusOff("bus_off", 0.0), world.clock.now_ns())
         for subject in (one, other):
             message = subject.recv(LONG)
             assert message is not None

@@ -12,6 +12,7 @@ from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.site import WorldPort
 from haptic_fieldbus.sim.canopen.world import World
+from haptic_fieldbus.sim.faults import BusOff, ErrorFrame, InterfaceDown
 
 MS = 1_000_000
 
@@ -55,11 +56,11 @@ class Played:
                 found = self.port.receive(random.choice((0.0, 1e-4, 1e-3)))
                 self.told.append((found is OURS, None if found is None else (found[0], bytes(found[1]))))
             elif action < 0.97:
-                self.world.error_frame(now_ns)
+                self.world.inject_line(ErrorFrame("error_frame", 0.0), now_ns)
             elif action < 0.985:
-                self.world.bus_off(now_ns, now_ns + MS)
+                self.world.inject_line(BusOff("bus_off", 0.0, 1e-3), now_ns)
             else:
-                self.world.interface_down(now_ns, now_ns + MS)
+                self.world.inject_line(InterfaceDown("interface_down", 0.0, 1e-3), now_ns)
         except can.CanError as error:
             self.told.append(str(error))
         self.told.append(self.world.clock.now_ns())

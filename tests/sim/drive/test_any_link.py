@@ -3,6 +3,7 @@
 from haptic_fieldbus.sim.drive.core import FOLLOWING_ERROR, Drive
 from haptic_fieldbus.sim.drive.power import STATUS_BITS, State
 from haptic_fieldbus.sim.drive.settings import DriveSettings
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.sim.bench import MS, axis, profile
 
 TORQUE_MODE, SHUTDOWN, SWITCH_ON, ENABLE, RESET = 10, 0x06, 0x07, 0x0F, 0x80
@@ -15,7 +16,7 @@ class Told:
     def __init__(self) -> None:
         self.errors: list[tuple[int | None, int]] = []
         self.persisting = False
-        self.drive = Drive(profile(), axis(), self, None, DriveSettings())
+        self.drive = Drive(profile(), DriveOnBus(1, profile(), axis()), self, DriveSettings(), 0)
         self.drive.restart(0)
 
     def error(self, code: int, t_ns: int) -> None:
@@ -57,8 +58,8 @@ def test_a_written_target_turns_the_shaft() -> None:
 def test_a_fault_and_its_reset_are_told_with_their_times() -> None:
     told = Told().enabled()
     told.drive.fault(FOLLOWING_ERROR, 3 * MS)
-    while told.drive.due_ns < 2000 * MS:
-        told.drive.timer(told.drive.due_ns)
+    while told.drive.operation.due_ns < 2000 * MS:
+        told.drive.operation.timer(told.drive.operation.due_ns)
     assert told.state is State.FAULT
     told.write(0x6040, RESET, 2000 * MS)
     assert told.errors == [(FOLLOWING_ERROR, 3 * MS), (None, 2000 * MS)]

@@ -16,6 +16,7 @@ from haptic_fieldbus.sim.drive import settings as settings_module
 from haptic_fieldbus.sim.drive.core import LONGEST_NS
 from haptic_fieldbus.sim.drive.settings import DriveSettings, known_mechanics
 from haptic_fieldbus.sim.hand import HANDS
+from haptic_fieldbus.sim.mechanics.motion import FORCE
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 from tests.sim.bench import MS, NODE, DriveBench, Refusal, axis, profile
 
@@ -479,7 +480,7 @@ class TestHandsClock:
             bench.run(2500 * MS)
             bench.control(VOLTAGE_OFF)
             trajectory = Trajectory(bench.drive.plant.recorder, bench.t_ns)
-            forces.append(trajectory.hand_force(start_ns + np.arange(0, 2499, 7) * MS))
+            forces.append(trajectory.states(start_ns + np.arange(0, 2499, 7) * MS)[:, FORCE])
             bench.run(3000 * MS)
             bench.drive.measure(bench.t_ns)
             place = bench.drive.plant.position

@@ -108,7 +108,7 @@ def test_power_on_values_with_the_node_id_follow_it() -> None:
 
 
 def test_octets_are_written_up_to_their_capacity() -> None:
-    entry = Entry(0x2000, 0, None, access=Access.RW, text=b"old", capacity=5)
+    entry = Entry(0x2000, 0, None, access=Access.RW, text=b"old", limits=(0, 5))
     assert _refusal(entry, b"123456") == AbortCode.TOO_LONG.value
     entry.write(b"12345")
     assert entry.read() == b"12345"

@@ -11,7 +11,7 @@ from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.sim.bench import MS, NODE, DriveBench
 from tests.sim.drive.sentences import STATES
 
-TABLE = rows(Defaults(3000, 5000, 0.05, 20.0, 4096, 1000, 1000))
+TABLE = rows(Defaults(0.4, 3000, 5000, 0.05, 20.0, 4096, 1000, 1000))
 WORDS = (0x00, 0x02, 0x06, 0x07, 0x0F, 0x1F, 0x3F, 0x5F, 0x10F, 0x80)
 MODES = (0, 1, 3, 4, 6, 8, 9, 10)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.sim.hand import Grip, Piece
-from haptic_fieldbus.sim.mechanics.motion import Shaft
+from haptic_fieldbus.sim.mechanics.motion import FORCE, Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
 from haptic_fieldbus.sim.mechanics.trajectory import Trajectory
 
@@ -44,7 +44,9 @@ def test_targets_are_told_with_the_time_of_their_taking_over() -> None:
 
 
 def test_the_force_of_the_hand_is_told() -> None:
-    force = Trajectory(_moved(GRIP).recorder, 10_000_000).hand_force(np.array([0, 2_999_999, 3_000_000, 10_000_000]))
+    force = Trajectory(_moved(GRIP).recorder, 10_000_000).states(np.array([0, 2_999_999, 3_000_000, 10_000_000]))[
+        :, FORCE
+    ]
     assert force.tolist() == [0.05, 0.05, -0.02, -0.02]
 
 

@@ -31,19 +31,19 @@ def frame(draw: random.Random, serial: bool) -> bytes:
 @pytest.mark.parametrize("serial", [True, False])
 @pytest.mark.parametrize("thousands", [2, 98])
 def test_the_drives_live_on(thousands: int, serial: bool) -> None:
-    requests = RequestServer(NoLine(), seed=1, serial=serial)
+    requests = RequestServer(NoLine().inject, seed=1, serial=serial)
     requests.drives.add(slot(), 0)
     draw, t_ns = random.Random(thousands), 0
     for _ in range(1000 * thousands):
         t_ns += 1000
         requests.drives.run(t_ns)
-        used, asked = requests.station.next(frame(draw, serial))
+        used, asked = requests.next(frame(draw, serial))
         assert used >= 0
         if asked is not None:
             for _, octets in requests.answer(asked, t_ns):
                 assert octets[0] == NUMBER if serial else octets[6] == NUMBER
                 assert not serial or octets[-2:] == crc(octets[:-2])
-    used, asked = requests.station.next(rtu(NUMBER, READ) if serial else tcp(NUMBER, READ))
+    used, asked = requests.next(rtu(NUMBER, READ) if serial else tcp(NUMBER, READ))
     assert used
     assert asked is not None
     assert len(list(requests.answer(asked, t_ns))) == 1

@@ -28,7 +28,7 @@ def table(order: str, types: Sequence[DataType]) -> tuple[Registers, list[Entry]
     registers, entries, address = Registers(line_with(order)), [], FIRST
     for type_ in types:
         entries.append(Entry(0, 0, type_, access=Access.RW))
-        registers.both(Register(address, type_), entries[-1])
+        registers.add(Register(address, type_), entries[-1])
         address += registers_of(type_)
     return registers, entries
 
@@ -61,8 +61,8 @@ def test_what_is_written_is_stored_and_read_back(order: str, types: Sequence[Dat
 @ORDERS
 def test_an_entry_with_more_bits_than_its_register_is_cut_off_and_one_with_fewer_is_filled_up(order: str) -> None:
     registers = Registers(line_with(order))
-    registers.both(Register(FIRST, DataType.INT16), Entry(0, 0, DataType.INT32, -70000))
-    registers.both(Register(FIRST + 1, DataType.INT32), Entry(0, 0, DataType.INT8, -2))
+    registers.add(Register(FIRST, DataType.INT16), Entry(0, 0, DataType.INT32, -70000))
+    registers.add(Register(FIRST + 1, DataType.INT32), Entry(0, 0, DataType.INT8, -2))
     reader = registers.reader(3, FIRST, 3)
     assert not isinstance(reader, Refusal)
     wide = b"\xff\xff\xff\xfe" if order == "high first" else b"\xff\xfe\xff\xff"

@@ -14,6 +14,7 @@ from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive.power import State
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.modbus.unit import Unit
 from tests.sim.modbus.units import Driven, signed
 
@@ -106,5 +107,5 @@ def test_an_ezmotion_is_enabled_as_in_its_maker_s_example() -> None:
 def test_a_position_in_metres_needs_a_mechanism_that_goes_straight() -> None:
     axis = default_axis(Workspace.LINEAR, bus="bus", node=1, profile="iris_orca")
     fine = replace(axis, encoder_counts_per_revolution=1_000_000)
-    unit = Unit(1, profile("iris_orca"), fine)
+    unit = Unit(DriveOnBus(1, profile("iris_orca"), fine))
     assert unit.drive.units.position(1_000_000) == 50_000  # one revolution is 0.05 m

@@ -42,10 +42,7 @@ class NoLine:
     def __init__(self) -> None:
         self.happened: list[faults.AnswerFault | faults.HostFault] = []
 
-    def disturb(self, fault: faults.AnswerFault, number: int, t_ns: int) -> None:
-        self.happened.append(fault)
-
-    def host_fault(self, fault: faults.HostFault) -> None:
+    def inject(self, fault: faults.AnswerFault | faults.HostFault, number: int, t_ns: int) -> None:
         self.happened.append(fault)
 
 
@@ -54,7 +51,7 @@ class Driven:
 
     def __init__(self, profile: ModbusProfile = GENERIC, *these: faults.Fault, hand: str = "none") -> None:
         self.line = NoLine()
-        self.drives = SimulatedUnits(self.line, seed=1)
+        self.drives = SimulatedUnits(self.line.inject, seed=1)
         self.unit = self.drives.add(slot(profile, *these, hand=hand), 0)
         self.t_ns = 0
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from haptic_fieldbus.sim import NEVER_NS
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Entry
 
 # The timers of a simulated node.
 #
@@ -90,11 +90,17 @@ def is_restricted(can_id: int) -> bool:
     return any(can_id in identifiers for identifiers in _RESTRICTED)
 
 
-def refuse_move(value: int, *, exists: bool, becomes: bool, can_id: int) -> None:
-    """Check a new COB-ID of an object that `exists` now with `can_id`, and `becomes` existent with the new value.
+def move_refused(
+    entry: Entry, exists: Callable[[int], bool] = lambda value: not value & INVALID
+) -> Callable[[int], None]:
+    """Return an `accept` of a COB-ID; `exists` tells from a value whether the communication object exists.
 
-    Raises Refused for an extended identifier, for a restricted one, and for another one while the object exists.
+    It raises Refused for an extended identifier, for a restricted one, and for another one while the object exists.
     """
-    new_id = value & ID
-    if value & EXTENDED or (exists and becomes and new_id != can_id) or (becomes and is_restricted(new_id)):
-        raise AccessRefused(AbortCode.INVALID_VALUE)
+
+    def accept(value: int) -> None:
+        moves = exists(entry.value) and (value ^ entry.value) & ID
+        if value & EXTENDED or (exists(value) and (moves or is_restricted(value & ID))):
+            raise AccessRefused(AbortCode.INVALID_VALUE)
+
+    return accept

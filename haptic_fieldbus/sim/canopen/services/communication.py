@@ -1,10 +1,11 @@
 """Communication objects of a simulated node that belong to no other service."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, Alarms, refuse_move
+from haptic_fieldbus.sim.canopen.services.basics import ID, NO_RTR, Alarms, move_refused
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, Dictionary, Entry, Mappable, one_of, only_if
 
 # Manufacturer-specific objects of the simulated drive: memory for the user's data.
@@ -23,7 +24,7 @@ _ERASE = int.from_bytes(b"eras", "little")
 
 def add_user_data_memory(dictionary: Dictionary) -> None:
     """Add both blocks, empty, and the command that empties them."""
-    blocks = [Entry(USER_DATA_MEMORY, subindex, None, access=Access.RW, capacity=BLOCK_OCTETS) for subindex in (1, 2)]
+    blocks = [Entry(USER_DATA_MEMORY, number, None, access=Access.RW, limits=(0, BLOCK_OCTETS)) for number in (1, 2)]
     for block, other in (blocks, reversed(blocks)):
         block.accept = only_if(partial(_fits_beside, other), AbortCode.OUT_OF_MEMORY)
     dictionary.add_record(blocks)
@@ -67,7 +68,11 @@ class Storage:
         self._dictionary = dictionary
         self._saved: dict[tuple[int, int], tuple[int, bytes]] = {}
         for index, signature, action in ((0x1010, SAVE, self._save), (0x1011, LOAD, self._forget)):
-            dictionary.add_record(self._commands(index, signature, action))
+            signed = one_of((signature,), AbortCode.CANNOT_STORE)
+            commands = [Entry(index, group, DataType.UINT32, _ON_COMMAND, Access.RW, accept=signed) for group in GROUPS]
+            for entry in commands:
+                entry.changed = partial(_run, entry, action)
+            dictionary.add_record(commands)
 
     def restore(self, first: int, last: int) -> None:
         """Set the objects from `first` to `last` to their power-on values: saved values, else defaults."""
@@ -76,13 +81,6 @@ class Storage:
             if first <= key[0] <= last and key[0] in self._dictionary:
                 entry = self._dictionary.find(*key)
                 entry.value, entry.text = value, text
-
-    def _commands(self, index: int, signature: int, action: Callable[[int], None]) -> Iterator[Entry]:
-        for group in GROUPS:
-            signed = one_of((signature,), AbortCode.CANNOT_STORE)
-            entry = Entry(index, group, DataType.UINT32, _ON_COMMAND, Access.RW, accept=signed)
-            entry.changed = partial(_run, entry, action)
-            yield entry
 
     def _save(self, group: int) -> None:
         for entry in self._dictionary:
@@ -122,9 +120,9 @@ class TimeConsumer:
         self._now = now
         self._set_ns: int | None = None
         self._day = self._ms = 0
-        self._cob_id = Entry(0x1012, 0, DataType.UINT32, TIME_ID, Access.RW, accept=self._accept_cob_id)
+        self._cob_id = dictionary.add(Entry(0x1012, 0, DataType.UINT32, TIME_ID, Access.RW, accept=self._accept_cob_id))
         self._cob_id.changed = changed
-        dictionary.add(self._cob_id)
+        self._accept_move = move_refused(self._cob_id, lambda value: value & _CONSUMED != 0)
         ms = Entry(TIME_OF_DAY, 1, DataType.UINT32, mappable=Mappable.NO)
         days = Entry(TIME_OF_DAY, 2, DataType.UINT16, mappable=Mappable.NO)
         ms.fetch, days.fetch = (lambda: self.time_of_day()[1]), (lambda: self.time_of_day()[0])
@@ -156,8 +154,7 @@ class TimeConsumer:
 
     def _accept_cob_id(self, value: int) -> None:
         _accept_consumer(value)
-        exists = self._cob_id.value & _CONSUMED != 0
-        refuse_move(value, exists=exists, becomes=value & _CONSUMED != 0, can_id=self._cob_id.value & ID)
+        self._accept_move(value)
 
 
 # The bit timing of a simulated node: whether it matches that of the bus.
@@ -167,27 +164,23 @@ class TimeConsumer:
 # therefore silent and deaf until a power-on restores the stored one.
 
 
+@dataclass(eq=False)
 class BitTiming:
     """The presence of a node on the bus, by its bit rate.
 
     `wanted` returns the bit rate [bit/s] to use; `changed` is called when the node leaves the bus or returns.
     """
 
-    def __init__(
-        self,
-        bitrate: int,
-        alarms: Alarms,
-        wanted: Callable[[], int],
-        now: Callable[[], int],
-        changed: Callable[[], None],
-    ) -> None:
-        self.on_bus = True
-        """False: the node neither sends nor receives."""
-        self.bus_bitrate = bitrate
-        self._wanted = wanted
-        self._now = now
-        self._changed = changed
-        self._alarm = alarms.new(lambda _t_ns: self.switch())
+    bus_bitrate: int
+    _alarms: Alarms
+    _wanted: Callable[[], int]
+    _now: Callable[[], int]
+    _changed: Callable[[], None]
+    on_bus: bool = True
+    """False: the node neither sends nor receives."""
+
+    def __post_init__(self) -> None:
+        self._alarm = self._alarms.new(lambda _t_ns: self.switch())
 
     def activate(self, delay_ms: int) -> None:
         """Leave the bus, and return with the wanted bit rate after two switch delays [ms]."""
@@ -217,8 +210,9 @@ class NodeObjects:
 
     def __init__(self, dictionary: Dictionary, number: int) -> None:
         self._dictionary = dictionary
-        self.emergency = dictionary.add(Entry(0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW,
-                                              accept=self._accept_emergency, numbered=True))  # fmt: skip
+        emergency = Entry(0x1014, 0, DataType.UINT32, _EMERGENCY_ID + number, Access.RW, numbered=True)
+        emergency.accept = move_refused(emergency)
+        self.emergency = dictionary.add(emergency)
         """COB-ID of emergency messages."""
         self.behaviour = Entry(0x1029, 1, DataType.UINT8, 0, Access.RW, accept=one_of(_BEHAVIOURS))
         """Effect of a communication error on the NMT state."""
@@ -231,9 +225,3 @@ class NodeObjects:
     def identity(self) -> list[int]:
         """Return the LSS address: vendor-ID, product code, revision number, serial number; 0 for any missing one."""
         return [self._dictionary.value(_IDENTITY, subindex) for subindex in range(1, 5)]
-
-    def _accept_emergency(self, value: int) -> None:
-        refuse_move(
-            value, exists=not self.emergency.value & INVALID, becomes=not value & INVALID,
-            can_id=self.emergency.value & ID,
-        )  # fmt: skip

@@ -4,10 +4,11 @@ Theory (CiA 305): an LSS slave *waits* until it is switched to *configuration*, 
 by its address: vendor-ID, product code, revision number and serial number of 1018h. Only in *configuration* does it
 accept a new node-ID or bit timing. These are *pending* until communication is reset; *store* keeps them for the next
 power-on. Node-ID FFh means that the node has none: its NMT state machine waits in *initialising*, and fastscan finds
-its address bit by bit. Requests and responses have eight octets. Services are table entries by command specifier.
+its address bit by bit. Requests and responses have eight octets.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from enum import Enum
 
 REQUEST_ID = 0x7E5
@@ -37,43 +38,32 @@ class LssState(Enum):
     CONFIGURATION = 1
 
 
+@dataclass(eq=False)
 class LssSlave:
     """One LSS slave; `identity` returns the four parts of its address.
 
     `configured` is called when a node without node-ID has received one, `activate` with the switch delay [ms].
     """
 
-    def __init__(
-        self,
-        identity: Callable[[], list[int]],
-        node: int,
-        bitrate: int,
-        configured: Callable[[], None],
-        activate: Callable[[int], None],
-    ) -> None:
-        self.state = LssState.WAITING
-        self.active_node = self.node = self._stored_node = node
-        self.bitrate = self._stored_bitrate = bitrate
-        """`node` and `bitrate` are pending, `active_node` is in use, `_stored_node` and `_stored_bitrate` are kept."""
-        self._identity = identity
-        self._configured = configured
-        self._activate = activate
+    _identity: Callable[[], list[int]]
+    node: int
+    bitrate: int
+    """`node` and `bitrate` are pending, `active_node` is in use, `_stored_node` and `_stored_bitrate` are kept."""
+    _configured: Callable[[], None]
+    _activate: Callable[[int], None]
+    state: LssState = LssState.WAITING
+    _position: int = 0
+
+    def __post_init__(self) -> None:
+        self.active_node = self._stored_node = self.node
+        self._stored_bitrate = self.bitrate
         self._heard: dict[range, list[int]] = {_SELECT: [], _IDENTIFY: []}
         """Parts of an address received so far, in the order in which a selective service sends them."""
-        self._position = 0
         self._waiting: dict[int, Callable[[bytes], Answer]] = {
             **dict.fromkeys(_SELECT, self._select),
             **dict.fromkeys(_IDENTIFY, self._identify),
             _IDENTIFY_NOT_CONFIGURED: lambda _data: (_NOT_CONFIGURED,) if self._is_unconfigured else None,
             _FASTSCAN: self._fastscan,
-        }
-        self._configuration: dict[int, Callable[[bytes], Answer]] = {
-            0x11: self._configure_node,
-            0x13: self._configure_bit_timing,
-            0x15: self._activate_bit_timing,
-            0x17: self._store,
-            **dict.fromkeys(_INQUIRE, self._inquire_identity),
-            0x5E: lambda data: (data[0], self.active_node),
         }
 
     def request(self, data: bytes) -> bytes | None:
@@ -83,8 +73,7 @@ class LssSlave:
         if data[0] == _SWITCH_GLOBAL:
             self._switch(data[1])
             return None
-        services = self._waiting if self.state is LssState.WAITING else self._configuration
-        service = services.get(data[0])
+        service = self._waiting.get(data[0]) if self.state is LssState.WAITING else self._configure
         answer = service(data) if service is not None else None
         return None if answer is None else bytes(answer).ljust(_OCTETS, b"\0")
 
@@ -125,8 +114,7 @@ class LssSlave:
         return heard if len(heard) == len(services) else None
 
     def _forget(self) -> None:
-        for heard in self._heard.values():
-            heard.clear()
+        self._heard = {services: [] for services in self._heard}
 
     def _select(self, data: bytes) -> Answer:
         if self._part(_SELECT, data) != self._identity():
@@ -135,8 +123,7 @@ class LssSlave:
         return (_SELECTED,)
 
     def _identify(self, data: bytes) -> Answer:
-        heard = self._part(_IDENTIFY, data)
-        if heard is None:
+        if (heard := self._part(_IDENTIFY, data)) is None:
             return None
         vendor, product, low_revision, high_revision, low_serial, high_serial = heard
         own = self._identity()
@@ -165,27 +152,27 @@ class LssSlave:
 
     # Configuration.
 
-    def _configure_node(self, data: bytes) -> Answer:
-        if not (1 <= data[1] <= _LAST_NODE or data[1] == UNCONFIGURED):
-            return data[0], _OUT_OF_RANGE
-        self.node = data[1]
-        return data[0], 0
-
-    def _configure_bit_timing(self, data: bytes) -> Answer:
-        # Table selector 0 is the standard table; no other one is offered.
-        rate = BIT_RATES.get(data[2]) if data[1] == 0 else None
-        if rate is None:
-            return data[0], _OUT_OF_RANGE
-        self.bitrate = rate
-        return data[0], 0
-
-    def _activate_bit_timing(self, data: bytes) -> Answer:
-        self._activate(int.from_bytes(data[1:3], "little"))
-        return None
-
-    def _store(self, data: bytes) -> Answer:
-        self._stored_node, self._stored_bitrate = self.node, self.bitrate
-        return data[0], 0
-
-    def _inquire_identity(self, data: bytes) -> Answer:
-        return data[0], *self._identity()[data[0] - _INQUIRE.start].to_bytes(4, "little")
+    def _configure(self, data: bytes) -> Answer:
+        """Serve a request in *configuration*; the answer of a setting has the error code, 0 when it is taken."""
+        command = data[0]
+        match command:
+            case 0x11 if 1 <= data[1] <= _LAST_NODE or data[1] == UNCONFIGURED:
+                self.node = data[1]
+            # Table selector 0 is the standard table; no other one is offered.
+            case 0x13 if data[1] == 0 and data[2] in BIT_RATES:
+                self.bitrate = BIT_RATES[data[2]]
+            case 0x11 | 0x13:
+                return command, _OUT_OF_RANGE
+            case 0x15:
+                self._activate(int.from_bytes(data[1:3], "little"))
+                return None
+            case 0x17:
+                self._stored_node, self._stored_bitrate = self.node, self.bitrate
+            case 0x5E:
+                return command, self.active_node
+            case _:
+                inquires = command in _INQUIRE
+                return (
+                    (command, *self._identity()[command - _INQUIRE.start].to_bytes(4, "little")) if inquires else None
+                )
+        return command, 0

@@ -20,8 +20,16 @@ from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefuse
 HEARTBEAT_ID = 0x700
 _MS = 1_000_000
 _LAST_NODE = 127
+_CONSUMERS = range(1, 5)
+"""Sub-indices of the nodes that can be monitored."""
 # Bits 24 to 31 of 1016h are 0.
 _RESERVED = 0xFF00_0000
+
+
+Lost = Callable[[int], None]
+"""Function that is told the time [ns] at which a peer was not heard any more."""
+Notice = Callable[[], None]
+"""Function that is told that something has happened."""
 
 
 class Producer:
@@ -30,9 +38,7 @@ class Producer:
     `now` returns the time when 1017h is written; `beat` sends a heartbeat.
     """
 
-    def __init__(
-        self, dictionary: Dictionary, alarms: Alarms, now: Callable[[], int], beat: Callable[[], None]
-    ) -> None:
+    def __init__(self, dictionary: Dictionary, alarms: Alarms, now: Callable[[], int], beat: Notice) -> None:
         self._beat = beat
         self._alarm = alarms.new(self._rings)
         self._time = dictionary.add(Entry(0x1017, 0, DataType.UINT16, 0, Access.RW))
@@ -45,10 +51,7 @@ class Producer:
 
     def start(self, t_ns: int) -> None:
         """Send the first heartbeat one period from now, none if the period is 0."""
-        if self._time.value:
-            self._alarm.at(t_ns + self._time.value * _MS)
-        else:
-            self._alarm.off()
+        self._alarm.at(t_ns + self._time.value * _MS if self._time.value else NEVER_NS)
 
     def stop(self) -> None:
         """Send no heartbeat until `start`."""
@@ -65,7 +68,7 @@ class Watch:
     `lost` is called with the time when it is not heard, `back` when it is heard again.
     """
 
-    def __init__(self, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
+    def __init__(self, alarms: Alarms, lost: Lost, back: Notice) -> None:
         self.lost = False
         self.factor: float | None = 1.0
         """Reaction time of the watch as a multiple of its set time; None: no reaction (a fault)."""
@@ -101,7 +104,7 @@ class Watch:
 class _Consumer(Watch):
     """One entry of 1016h: node-ID in bits 16 to 23, time [ms] below."""
 
-    def __init__(self, entry: Entry, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]) -> None:
+    def __init__(self, entry: Entry, alarms: Alarms, lost: Lost, back: Notice) -> None:
         super().__init__(alarms, lost, back)
         self.entry = entry
 
@@ -120,19 +123,14 @@ class Consumers:
     """The monitoring of other nodes: `lost` is called with the time when one falls silent, `back` when one returns."""
 
     def __init__(
-        self,
-        dictionary: Dictionary,
-        index: int,
-        count: int,
-        alarms: Alarms,
-        changed: Callable[[], None],
-        lost: Callable[[int], None],
-        back: Callable[[], None],
+        self, dictionary: Dictionary, index: int | None, alarms: Alarms, changed: Notice, lost: Lost, back: Notice
     ) -> None:
+        """Add the object of the monitored nodes, at this index; None: the model has none."""
         self._changed = changed
         entries = [
             Entry(index, number, DataType.UINT32, 0, Access.RW, accept=partial(self._accept, number))
-            for number in range(1, count + 1)
+            for number in _CONSUMERS
+            if index is not None
         ]
         self.watches = [_Consumer(entry, alarms, lost, back) for entry in entries]
         for watch in self.watches:
@@ -186,9 +184,7 @@ _TOGGLE = 0x80
 class Guarding(Watch):
     """The monitoring of the master."""
 
-    def __init__(
-        self, dictionary: Dictionary, alarms: Alarms, lost: Callable[[int], None], back: Callable[[], None]
-    ) -> None:
+    def __init__(self, dictionary: Dictionary, alarms: Alarms, lost: Lost, back: Notice) -> None:
         super().__init__(alarms, lost, back)
         self._toggle = 0
         self._guard_time = dictionary.add(Entry(0x100C, 0, DataType.UINT16, 0, Access.RW))
@@ -199,8 +195,7 @@ class Guarding(Watch):
         """Return the answer to the master's remote frame: NMT state and toggle bit."""
         answer = bytes((self._toggle | state,))
         self._toggle ^= _TOGGLE
-        life_ns = self._guard_time.value * self._factor.value * _MS
-        if life_ns:
+        if life_ns := self._guard_time.value * self._factor.value * _MS:
             self.heard(t_ns, life_ns)
         return answer
 
@@ -318,8 +313,7 @@ class Emergencies:
 
     def clear(self, code: int, cause: object = None) -> None:
         """Remove this cause, and end the error if no cause is left; unknown codes and causes are ignored."""
-        causes = self._causes.get(code)
-        if causes is None:
+        if (causes := self._causes.get(code)) is None:
             return
         causes.discard(cause)
         if not causes:

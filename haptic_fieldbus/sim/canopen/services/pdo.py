@@ -15,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, refuse_move
+from haptic_fieldbus.sim.canopen.services.basics import ID, INVALID, NO_RTR, move_refused
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of
 
 MS = 1_000_000
@@ -77,11 +77,6 @@ class Pdo:
         self.synchronous = False
         self._compile()
 
-    @property
-    def size(self) -> int:
-        """Return the octets of the mapped objects."""
-        return self.packing.size
-
     def compile(self) -> None:
         """Take over the parameters of the dictionary."""
         self._compile()
@@ -101,12 +96,13 @@ class Pdo:
 
     def _add_communication(self, defaults: PdoDefaults) -> tuple[Entry, Entry]:
         index = self.communication_base + defaults.number - 1
-        cob_id = Entry(index, 1, DataType.UINT32, defaults.cob_id, Access.RW, accept=self._accept_cob_id)
+        # A predefined identifier contains the node-ID, no identifier does not.
+        numbered = bool(defaults.cob_id & ID)
+        cob_id = Entry(index, 1, DataType.UINT32, defaults.cob_id, Access.RW, numbered=numbered)
+        cob_id.accept = move_refused(cob_id)
         type_ = Entry(index, 2, DataType.UINT8, _EVENT_DRIVEN, Access.RW, accept=one_of(self.types))
         cob_id.changed = type_.changed = self._event_timer.changed = self.compile
         self._dictionary.add_record([cob_id, type_, self._event_timer, *self._further])
-        # A predefined identifier contains the node-ID, no identifier does not.
-        cob_id.numbered = bool(defaults.cob_id & ID)
         return cob_id, type_
 
     def _timer(self, subindex: int, value: int, *, locked: bool = False) -> Entry:
@@ -126,9 +122,6 @@ class Pdo:
         for entry in (count, *entries):
             self._dictionary.add(entry)
         return count, entries
-
-    def _accept_cob_id(self, value: int) -> None:
-        refuse_move(value, exists=self.exists, becomes=not value & INVALID, can_id=self.can_id)
 
     def _accept_locked(self, _value: int) -> None:
         """Refuse a value that may only be changed while the PDO does not exist."""
@@ -177,7 +170,7 @@ class Rpdo(Pdo):
         return self._event_timer.value * MS
 
     def apply(self, data: bytes) -> None:
-        """Write the mapped entries; `data` holds at least `size` octets."""
+        """Write the mapped entries; `data` holds at least the octets of all of them."""
         for entry, value in zip(self.mapped, self.packing.unpack_from(data), strict=True):
             entry.value = value
 

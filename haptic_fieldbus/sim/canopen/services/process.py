@@ -6,9 +6,8 @@ after SYNC are dropped. Event-driven TPDOs are checked every `event_period_ns`. 
 parameter changes: an RPDO gets only the receiver that its parameters need.
 """
 
-import math
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import InitVar, dataclass
 
 from haptic_fieldbus.drive.objects import DataType
 from haptic_fieldbus.sim import NEVER_NS
@@ -16,7 +15,8 @@ from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted
 from haptic_fieldbus.sim.canopen.services.nmt import PDO_TOO_LONG, PDO_TOO_SHORT, RPDO_TIMEOUT, SYNC_LENGTH, Emergencies
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
-from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, only_if
+from haptic_fieldbus.sim.drive.core import Drive
+from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Entry, only_if
 
 # Deadlines of RPDOs: their event timers (1400h:05).
 #
@@ -66,11 +66,8 @@ class Deadline:
 
     def check(self) -> None:
         """Disarm when the parameters have changed, and when the RPDO is not received any more."""
-        parameters = (self._rpdo.can_id, self._rpdo.deadline_ns)
-        if not self._rpdo.valid:
-            self.disarm()
-        elif parameters != self._parameters:
-            self._parameters = parameters
+        before, self._parameters = self._parameters, (self._rpdo.can_id, self._rpdo.deadline_ns)
+        if not self._rpdo.valid or self._parameters != before:
             self.disarm()
 
     def _rings(self, t_ns: int) -> None:
@@ -84,107 +81,68 @@ class Deadline:
         self._lost(RPDO_TIMEOUT, t_ns)
 
 
+SYNC_ID = 0x80
+# 1019h: 0 for no counter, else its highest value; 1 is reserved.
+_COUNTERS = (0, *range(2, 241))
+
+
+@dataclass
+class Losses:
+    """The frames of a kind that are lost inside the node (a fault), as a count of those to come; inf: all of them."""
+
+    left: float = 0.0
+
+    def before(self, receive: Handler) -> Handler:
+        """Return a receiver that drops the frames to be lost, `receive` itself when there are none."""
+
+        def lose(data: bytes, t_ns: int) -> None:
+            if self.left:
+                self.left -= 1
+            else:
+                receive(data, t_ns)
+
+        return lose if self.left else receive
+
+
 # SYNC as a simulated node consumes it: 1005h, 1006h, 1007h, 1019h.
 #
 # Reference: CiA 301 4.2, 7.2.5 and 7.5.2.6 to 7.5.2.8, 7.5.2.22. The node does not produce SYNC. The SYNC counter
 # (1019h) cannot be changed while the period 1006h is not 0. A synchronous RPDO that comes later than 1007h after SYNC
 # is dropped.
 
-SYNC_ID = 0x80
-# 1019h: 0 for no counter, else its highest value; 1 is reserved.
-_COUNTERS = (0, *range(2, 241))
 
-
-class SyncObjects:
-    """The objects of SYNC and their meaning; `changed` is called when one of them was written."""
-
-    def __init__(self, dictionary: Dictionary, changed: Callable[[], None]) -> None:
-        add = dictionary.add
-        self._cob_id = add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=only_if(_is_sync_id)))
-        self._period = add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
-        self._window = add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
-        self._overflow = add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
-        for entry in (self._cob_id, self._window, self._overflow):
-            entry.changed = changed
-
-    @property
-    def can_id(self) -> int:
-        return self._cob_id.value & ID
-
-    @property
-    def counted(self) -> bool:
-        """Return whether SYNC messages carry a counter."""
-        return self._overflow.value != 0
-
-    @property
-    def window_ns(self) -> int:
-        """Return the synchronous window; 0: until the next SYNC."""
-        return self._window.value * 1000
-
-    def _accept_overflow(self, value: int) -> None:
-        if self._period.value:
-            raise AccessRefused(AbortCode.DEVICE_STATE)
-        if value not in _COUNTERS:
-            raise AccessRefused(AbortCode.INVALID_VALUE)
-
-
-def _is_sync_id(value: int) -> bool:
-    """Return whether SYNC may have this COB-ID: not produced (bit 30), not of 29 bits, not restricted."""
-    return not value & ~ID and not is_restricted(value)
-
-
-class Application(Protocol):
-    """The part of the drive that the CANopen half uses."""
-
-    event_period_ns: int
-
-    def sync(self, t_ns: int) -> None:
-        """Latch the measured entries at the end of a SYNC."""
-
-    def measure(self, t_ns: int) -> None:
-        """Bring the measured entries up to date."""
-
-    def act(self, t_ns: int) -> None:
-        """Act on received entries."""
-
-    def link_lost(self, code: int, t_ns: int) -> None:
-        """Handle an event of 6007h: heartbeat, life guarding or RPDO deadline missed, or the link ended by the master.
-
-        `code` is its error code.
-        """
-
-    def restart(self, t_ns: int) -> None:
-        """Return to the power-on state."""
-
-
+@dataclass(eq=False)
 class ProcessData:
     """All PDOs of a node; they work between `start` and `stop`."""
 
-    def __init__(
-        self,
-        dictionary: Dictionary,
-        application: Application,
-        emergencies: Emergencies,
-        send: Callable[[Frame], None],
-        changed: Callable[[], None],
-        alarms: Alarms,
-        rpdos: list[PdoDefaults],
-        tpdos: list[PdoDefaults],
-        acts_at_sync: bool,
-    ) -> None:
-        """Create the PDOs; with `acts_at_sync` even event-driven RPDOs wait for the next SYNC."""
-        self.skip_tpdos = 0
-        """Number of following TPDOs that are lost inside the node (a fault)."""
-        self._lost_rpdos = self._lost_syncs = 0.0
-        self.objects = SyncObjects(dictionary, changed)
-        self._application = application
-        self._emergencies = emergencies
-        self._send = send
-        self._acts_at_sync = acts_at_sync
-        self._rpdos = [Rpdo(dictionary, defaults, changed) for defaults in rpdos]
-        self._tpdos = [Tpdo(dictionary, defaults, changed) for defaults in tpdos]
-        self._poll = alarms.new(self.poll)
-        self._alarms = alarms
+    _drive: Drive
+    _emergencies: Emergencies
+    _send: Callable[[Frame], None]
+    _changed: Callable[[], None]
+    _alarms: Alarms
+    rpdos: InitVar[list[PdoDefaults]]
+    tpdos: InitVar[list[PdoDefaults]]
+    _acts_at_sync: bool
+    """Whether even event-driven RPDOs wait for the next SYNC."""
+    skip_tpdos: int = 0
+    """Number of following TPDOs that are lost inside the node (a fault)."""
+
+    def __post_init__(self, rpdos: list[PdoDefaults], tpdos: list[PdoDefaults]) -> None:
+        dictionary = self._drive.dictionary
+        self.lost_rpdos, self.lost_syncs = Losses(), Losses()
+        # Not produced (bit 30), not of 29 bits, not restricted.
+        is_sync_id = only_if(lambda value: not value & ~ID and not is_restricted(value))
+        self._sync_id = dictionary.add(Entry(0x1005, 0, DataType.UINT32, SYNC_ID, Access.RW, accept=is_sync_id))
+        self._period = dictionary.add(Entry(0x1006, 0, DataType.UINT32, 0, Access.RW))
+        self._window = dictionary.add(Entry(0x1007, 0, DataType.UINT32, 0, Access.RW))
+        """The synchronous window [µs]; 0: until the next SYNC."""
+        self._overflow = dictionary.add(Entry(0x1019, 0, DataType.UINT8, 0, Access.RW, accept=self._accept_overflow))
+        """Largest value of the counter in SYNC messages; 0: they carry none."""
+        for entry in (self._sync_id, self._window, self._overflow):
+            entry.changed = self._changed
+        self._rpdos = [Rpdo(dictionary, defaults, self._changed) for defaults in rpdos]
+        self._tpdos = [Tpdo(dictionary, defaults, self._changed) for defaults in tpdos]
+        self._poll = self._alarms.new(self.poll)
         self._deadlines: dict[Rpdo, Deadline] = {}
         """The deadlines of the RPDOs that have, or have had, one."""
         self._waiting: dict[Rpdo, bytes] = {}
@@ -194,14 +152,6 @@ class ProcessData:
         self._window_ns = 0
         self._window_end_ns = NEVER_NS
 
-    def lose_rpdos(self, count: int | None) -> None:
-        """Lose the next `count` RPDOs (a fault), None: all of them; `route` makes it act."""
-        self._lost_rpdos = math.inf if count is None else count
-
-    def lose_syncs(self, count: int | None) -> None:
-        """Lose the next `count` SYNC messages (a fault), None: all of them; `route` makes it act."""
-        self._lost_syncs = math.inf if count is None else count
-
     def compile(self) -> None:
         """Take over the parameters of all PDOs, as after a reset."""
         for pdo in (*self._rpdos, *self._tpdos):
@@ -210,7 +160,7 @@ class ProcessData:
     def start(self, t_ns: int) -> None:
         """Start on entering *operational*."""
         for tpdo in self._tpdos:
-            tpdo.restart(t_ns, counted=self.objects.counted)
+            tpdo.restart(t_ns, counted=self._overflow.value != 0)
         self._waiting.clear()
         self._window_end_ns = NEVER_NS
         self._poll.at(t_ns)
@@ -226,20 +176,20 @@ class ProcessData:
         """Take over the parameters, and return the handlers of SYNC and of the RPDOs by identifier."""
         self._at_sync = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.with_sync]
         self._at_event = [tpdo for tpdo in self._tpdos if tpdo.valid and tpdo.event_driven]
-        self._sync_octets = int(self.objects.counted)
-        self._window_ns = self.objects.window_ns
+        self._sync_octets = int(self._overflow.value != 0)
+        self._window_ns = self._window.value * 1000
         # An event-driven TPDO is checked at once after a change: it may have become valid.
         self._poll.at(min(self._poll.due_ns, t_ns) if self._at_event else NEVER_NS)
         for deadline in self._deadlines.values():
             deadline.check()
         handlers: dict[int, Handler] = {rpdo.can_id: self._receiver(rpdo) for rpdo in self._rpdos if rpdo.valid}
-        handlers[self.objects.can_id] = self._deaf if self._lost_syncs else self.sync
+        handlers[self._sync_id.value & ID] = self.lost_syncs.before(self.sync)
         return handlers
 
     @property
     def received(self) -> set[int]:
         """Identifiers of SYNC and of the RPDOs."""
-        return {self.objects.can_id, *(rpdo.can_id for rpdo in self._rpdos if rpdo.valid)}
+        return {self._sync_id.value & ID, *(rpdo.can_id for rpdo in self._rpdos if rpdo.valid)}
 
     def requests(self) -> dict[int, Callable[[int], None]]:
         """Return the handlers of remote frames, by identifier."""
@@ -253,43 +203,55 @@ class ProcessData:
         # Asked first, because it is one comparison in a period without errors.
         if self._emergencies.monitored:
             self._emergencies.clear(SYNC_LENGTH)
-        self._application.sync(t_ns)
+        self._drive.sync(t_ns)
         if self._window_ns:
             self._window_end_ns = t_ns + self._window_ns
         counter = data[0] if data else 0
         # TPDOs first: they carry the state before the waiting RPDOs act.
         for tpdo in self._at_sync:
-            octets = tpdo.at_sync(counter)
-            if octets is not None:
+            if (octets := tpdo.at_sync(counter)) is not None:
                 self._send_pdo(tpdo, octets)
         if self._waiting:
             for rpdo, received in self._waiting.items():
                 rpdo.apply(received)
             self._waiting.clear()
-            self._application.act(t_ns)
+            self._drive.act(t_ns)
 
     def poll(self, t_ns: int) -> None:
         """Check the event-driven TPDOs."""
-        self._poll.at(t_ns + self._application.event_period_ns)
-        self._application.measure(t_ns)
+        self._poll.at(t_ns + self._drive.event_period_ns)
+        self._drive.measure(t_ns)
         for tpdo in self._at_event:
-            octets = tpdo.at_event(t_ns)
-            if octets is not None:
+            if (octets := tpdo.at_event(t_ns)) is not None:
                 self._send_pdo(tpdo, octets)
 
+    def _accept_overflow(self, value: int) -> None:
+        if self._period.value:
+            raise AccessRefused(AbortCode.DEVICE_STATE)
+        if value not in _COUNTERS:
+            raise AccessRefused(AbortCode.INVALID_VALUE)
+
     def _receiver(self, rpdo: Rpdo) -> Handler:
-        receive = self._holder(rpdo) if rpdo.synchronous or self._acts_at_sync else self._actor(rpdo)
+        apply, act = rpdo.apply, self._drive.act
+
+        def hold(data: bytes, t_ns: int) -> None:
+            if not self._window_ns or t_ns <= self._window_end_ns:
+                self._waiting[rpdo] = data
+
+        def follow(data: bytes, t_ns: int) -> None:
+            apply(data)
+            act(t_ns)
+
+        receive: Handler = hold if rpdo.synchronous or self._acts_at_sync else follow
         if rpdo.deadline_ns:
             if rpdo not in self._deadlines:
-                lost = self._application.link_lost
-                self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, lost)
+                self._deadlines[rpdo] = Deadline(rpdo, self._alarms, self._emergencies, self._drive.link_lost)
             receive = self._deadlines[rpdo].timed(receive)
-        receive = self._measured(rpdo, receive)
-        return self._loser(receive) if self._lost_rpdos else receive
+        return self.lost_rpdos.before(self._measured(rpdo, receive))
 
     def _measured(self, rpdo: Rpdo, receive: Handler) -> Handler:
         """Return a receiver that checks the length: any but the mapped one is an error, a shorter frame is dropped."""
-        size, emergencies = rpdo.size, self._emergencies
+        size, emergencies = rpdo.packing.size, self._emergencies
 
         def measured(data: bytes, t_ns: int) -> None:
             if len(data) != size:
@@ -303,44 +265,9 @@ class ProcessData:
 
         return measured
 
-    def _loser(self, receive: Handler) -> Handler:
-        """Return a receiver that drops the frames to be lost."""
-
-        def lose(data: bytes, t_ns: int) -> None:
-            if self._lost_rpdos:
-                self._lost_rpdos -= 1
-            else:
-                receive(data, t_ns)
-
-        return lose
-
-    def _deaf(self, data: bytes, t_ns: int) -> None:
-        """Drop the SYNC messages that are to be lost."""
-        if self._lost_syncs:
-            self._lost_syncs -= 1
-        else:
-            self.sync(data, t_ns)
-
-    def _holder(self, rpdo: Rpdo) -> Handler:
-        def hold(data: bytes, t_ns: int) -> None:
-            if not self._window_ns or t_ns <= self._window_end_ns:
-                self._waiting[rpdo] = data
-
-        return hold
-
-    def _actor(self, rpdo: Rpdo) -> Handler:
-        apply, act = rpdo.apply, self._application.act
-
-        def receive(data: bytes, t_ns: int) -> None:
-            apply(data)
-            act(t_ns)
-
-        return receive
-
     def _requested(self, tpdo: Tpdo) -> Callable[[int], None]:
         def requested(t_ns: int) -> None:
-            octets = tpdo.at_request(lambda: self._application.measure(t_ns))
-            if octets is not None:
+            if (octets := tpdo.at_request(lambda: self._drive.measure(t_ns))) is not None:
                 self._send_pdo(tpdo, octets)
 
         return requested

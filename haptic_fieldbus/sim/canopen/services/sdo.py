@@ -9,7 +9,7 @@ initiate of the next client would be read as a segment.
 
 from abc import ABC, abstractmethod
 from binascii import crc_hqx
-from enum import Enum, auto
+from enum import Enum
 
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, AccessRefused, Dictionary, Entry
 
@@ -50,40 +50,40 @@ def multiplexed(command: int, entry: Entry) -> bytes:
     return bytes((command, *entry.index.to_bytes(2, "little"), entry.subindex))
 
 
-class DownloadBuffer:
-    """The octets of a download as they arrive, never more than the capacity of the entry.
+class Download(Transfer):
+    """A download, with the octets as they arrive, never more than the capacity of the entry.
 
     Raises Refused when the entry cannot be written, or not with the announced number of octets.
     """
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
+        super().__init__(entry)
         entry.begin_write(announced)
-        self.octets = bytearray()
-        self._entry = entry
+        self._octets = bytearray()
         self._announced = announced
 
     def add(self, octets: bytes) -> None:
         """Add octets; raises Refused when there are too many."""
-        self.octets += octets
-        if len(self.octets) > self._entry.capacity:
+        self._octets += octets
+        if len(self._octets) > self.entry.capacity:
             raise AccessRefused(AbortCode.TOO_LONG)
 
     def write(self) -> None:
-        """Write the entry once all octets have arrived.
+        """Write the entry once all octets have arrived, which ends the transfer.
 
         Raises Refused when their number is not the announced one, or when the entry refuses them.
         """
-        if self._announced is not None and self._announced != len(self.octets):
+        if self._announced is not None and self._announced != len(self._octets):
             raise AccessRefused(AbortCode.LENGTH)
-        self._entry.write(bytes(self.octets))
+        self.entry.write(bytes(self._octets))
+        self.finished = True
 
 
-class SegmentedDownload(Transfer):
+class SegmentedDownload(Download):
     """A download in segments."""
 
     def __init__(self, entry: Entry, announced: int | None) -> None:
-        super().__init__(entry)
-        self._collected = DownloadBuffer(entry, announced)
+        super().__init__(entry, announced)
         self._toggle = 0
 
     def takes(self, command: int) -> bool:
@@ -95,10 +95,9 @@ class SegmentedDownload(Transfer):
         response = bytes((0x20 | self._toggle << 4,)) + bytes(7)
         self._toggle ^= 1
         # Bits 1 to 3 are the number of octets without data, bit 0 marks the last segment.
-        self._collected.add(data[1 : 1 + SEGMENT - (data[0] >> 1 & 7)])
+        self.add(data[1 : 1 + SEGMENT - (data[0] >> 1 & 7)])
         if data[0] & 0x01:
-            self._collected.write()
-            self.finished = True
+            self.write()
         return [response]
 
 
@@ -166,12 +165,11 @@ def _checked(block_size: int) -> int:
     return block_size
 
 
-class BlockDownload(Transfer):
+class BlockDownload(Download):
     """A download in blocks: the client sends segments."""
 
     def __init__(self, entry: Entry, announced: int | None, *, crc: bool, block_size: int) -> None:
-        super().__init__(entry)
-        self._collected = DownloadBuffer(entry, announced)
+        super().__init__(entry, announced)
         self._crc = crc
         self._block_size = block_size
         self._received = 0
@@ -199,7 +197,7 @@ class BlockDownload(Transfer):
         # A segment out of order is ignored; the confirmation names the segment after which the client continues.
         if number == self._received + 1:
             self._received = number
-            self._collected.add(self._held)
+            self.add(self._held)
             self._held = data[1:]
             self._complete = last
         # The last number of the block requires the confirmation, even when segments before it are missing.
@@ -213,20 +211,19 @@ class BlockDownload(Transfer):
         if data[0] & 0x03 != 0x01:
             raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         # Bits 2 to 4 of the end are the number of octets without data in the last segment.
-        self._collected.add(self._held[: SEGMENT - (data[0] >> 2 & 7)])
-        if self._crc and int.from_bytes(data[1:3], "little") != crc(self._collected.octets):
+        self.add(self._held[: SEGMENT - (data[0] >> 2 & 7)])
+        if self._crc and int.from_bytes(data[1:3], "little") != crc(self._octets):
             raise AccessRefused(AbortCode.CRC)
-        self._collected.write()
-        self.finished = True
+        self.write()
         return [bytes((0xA1, 0, 0, 0, 0, 0, 0, 0))]
 
 
 class _Step(Enum):
-    """The next request that a block upload expects of the client."""
+    """The next request that a block upload expects of the client; the value is its subcommand."""
 
-    START = auto()
-    CONFIRMATION = auto()
-    END = auto()
+    START = 3
+    CONFIRMATION = 2
+    END = 1
 
 
 class BlockUpload(Transfer):
@@ -253,8 +250,7 @@ class BlockUpload(Transfer):
         return command >> 5 == _UPLOAD_REQUEST and bool(command & 0x03)
 
     def request(self, data: bytes) -> Response:
-        subcommand = data[0] & 0x03
-        if subcommand != {_Step.START: 3, _Step.CONFIRMATION: 2, _Step.END: 1}[self._step]:
+        if data[0] & 0x03 != self._step.value:
             raise AccessRefused(AbortCode.UNKNOWN_COMMAND)
         if self._step is _Step.START:
             return self._block()
@@ -380,19 +376,16 @@ class SdoServer:
         return [transfer.begin()]
 
     def _block_download(self, entry: Entry, data: bytes) -> Response:
-        transfer = BlockDownload(
-            entry, _announced(data) if data[0] & 0x02 else None, crc=bool(data[0] & 0x04), block_size=self.block_size
-        )
-        self._transfer = transfer
-        return [transfer.begin()]
+        announced = _announced(data) if data[0] & 0x02 else None
+        self._transfer = BlockDownload(entry, announced, crc=bool(data[0] & 0x04), block_size=self.block_size)
+        return [self._transfer.begin()]
 
     def _block_upload(self, entry: Entry, data: bytes) -> Response:
         content = entry.read()
         if data[5] and len(content) <= data[5]:  # below the client's protocol switch threshold blocks are not worth it
             return self._upload(entry, data)
-        transfer = BlockUpload(entry, content, crc=bool(data[0] & 0x04), block_size=data[4])
-        self._transfer = transfer
-        return [transfer.begin()]
+        self._transfer = BlockUpload(entry, content, crc=bool(data[0] & 0x04), block_size=data[4])
+        return [self._transfer.begin()]
 
 
 # By command specifier: the sub-command bits that are 0 in an initiate (CiA 301, 7.2.4.3.9 and 7.2.4.3.13).

@@ -1,6 +1,7 @@
 """The modes of operation of the simulated drive, one file for each group."""
 
 from collections.abc import Callable
+from functools import partial
 
 from haptic_fieldbus.sim.drive.modes.homing import Homing
 from haptic_fieldbus.sim.drive.modes.mode import Mode
@@ -28,15 +29,15 @@ def build_modes(stage: Stage, objects: Objects, failed: Callable[[int], None]) -
 
     `failed` is called with the time [ns] when a following error occurs.
     """
-    # Only the modes with a position demand have a following error to report.
-    watched = {PROFILE_POSITION: ProfilePosition, CYCLIC_POSITION: CyclicPosition}
-    others: dict[int, Callable[[Stage, Objects], Mode]] = {
+    kinds: dict[int, Callable[[Stage, Objects], Mode]] = {
+        # Only the modes with a position demand have a following error to report.
+        PROFILE_POSITION: partial(ProfilePosition, failed=failed),
+        CYCLIC_POSITION: partial(CyclicPosition, failed=failed),
         PROFILE_VELOCITY: ProfileVelocity,
         PROFILE_TORQUE: ProfileTorque,
         HOMING: Homing,
         CYCLIC_VELOCITY: CyclicVelocity,
+        CYCLIC_TORQUE: CyclicTorque,
     }
-    others[CYCLIC_TORQUE] = CyclicTorque
-    modes = {number: others.get(number, OwnTorque)(stage, objects) for number in objects.modes - watched.keys()}
-    modes |= {number: watched[number](stage, objects, failed) for number in objects.modes & watched.keys()}
+    modes = {number: kinds.get(number, OwnTorque)(stage, objects) for number in objects.modes}
     return modes | {NO_MODE: Mode(stage)}

@@ -63,14 +63,10 @@ def to_distance(velocity: float, distance: float, speed: float, acceleration: fl
     """Return the motion to rest at a distance, not faster than `speed`; with `speed` 0 only to rest."""
     if speed <= 0.0:
         return to_velocity(velocity, 0.0, acceleration, deceleration)
-    legs: list[Leg] = []
     stop = velocity * abs(velocity) / (2 * deceleration)
-    rest = distance
-    if velocity * (distance - stop) < 0.0:
-        legs += _speed_legs(velocity, 0.0, acceleration, deceleration)
-        rest, velocity_then = distance - stop, 0.0
-    else:
-        velocity_then = abs(velocity)
+    overshoots = velocity * (distance - stop) < 0.0
+    legs = _speed_legs(velocity, 0.0, acceleration, deceleration) if overshoots else []
+    rest, velocity_then = (distance - stop, 0.0) if overshoots else (distance, abs(velocity))
     direction = math.copysign(1.0, rest)
     legs += [(time, direction * a) for time, a in _way(velocity_then, abs(rest), speed, acceleration, deceleration)]
     return _motion(velocity, legs, distance, 0.0)

@@ -188,7 +188,9 @@ class ProfilePosition(Mode):
         stage = self.stage
         stage.position(angle, velocity, acceleration, t_ns)
         error = self._following.check(angle, t_ns)
-        reached = time >= self._motion.end and self._near(angle, t_ns)
+        window, left = self._window.value, abs(round((angle - stage.angle()) / stage.units.angle))
+        near = window == NO_LIMIT or left <= window
+        reached = time >= self._motion.end and self._reached(near, t_ns, self._window_time.value)
         limited = stage.limited or self._limited
         self.status = (
             self.status & ACKNOWLEDGE | error
@@ -196,11 +198,6 @@ class ProfilePosition(Mode):
         )  # fmt: skip
         if reached:
             self._complete(t_ns)
-
-    def _near(self, angle: float, t_ns: int) -> bool:
-        window = self._window.value
-        distance = abs(round((angle - self.stage.angle()) / self.stage.units.angle))
-        return self._reached(window == NO_LIMIT or distance <= window, t_ns, self._window_time.value)
 
     def _complete(self, t_ns: int) -> None:
         """Finish the positioning and start the waiting set-point."""
