@@ -14,8 +14,7 @@ from haptic_fieldbus.drive.cia402 import (
     TorqueSection,
     VelocitySection,
 )
-from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import DriveSection, TimingSection
+from haptic_fieldbus.drive.profile import DataType, DriveSection, TimingSection
 from haptic_fieldbus.drive.rig import Limits, Rig, RigAxis, default_axis
 from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.plan import Plan

@@ -280,7 +280,7 @@ GUARDS = {
         of=SIGN_WATCH,
     ),
     "a handle that goes to the other side": Guard(
-        "haptic_fieldbus/running/direction.py",
+        "haptic_fieldbus/running/proofs.py",
         "if way < 0.0:",
         "if False:",
         ("tests/running/test_direction.py::test_a_handle_that_goes_down_is_refused_with_the_key_to_change",),
@@ -618,7 +618,7 @@ GUARDS = {
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_a_drive_that_something_else_switched_off_has_proved_nothing",),
     ),
     "a handle that goes to the negative side": Guard(
-        "haptic_fieldbus/running/direction.py",
+        "haptic_fieldbus/running/proofs.py",
         "if way < 0.0:",
         "if False:",
         ("tests/running/test_direction.py::test_a_handle_that_goes_down_is_refused_with_the_key_to_change",),
@@ -630,13 +630,13 @@ GUARDS = {
         ("tests/buses/canopen/test_release.py::test_a_drive_in_a_state_that_nobody_knows_is_not_off",),
     ),
     "zero torque while a guard is proved": Guard(
-        "haptic_fieldbus/running/guard_proof.py",
+        "haptic_fieldbus/running/proofs.py",
         "self._image.outputs[0], controlword, 0)",
         "self._image.outputs[0], controlword, 5)",
         (f"{PROVING}::TestAGuardThatDoesNot::test_ends_the_run_torque_free_and_says_what_was_measured",),
     ),
     "somebody else while a guard is proved": Guard(
-        "haptic_fieldbus/running/guard_proof.py",
+        "haptic_fieldbus/running/proofs.py",
         "self._check(drive.axis, feedback, WHILE_ALONE)",
         "pass",
         (f"{PROVING}::TestWhileADriveIsLeftAlone::test_somebody_else_who_feeds_its_guard_ends_the_run",),
@@ -673,7 +673,7 @@ GUARDS = {
         ("tests/planning/test_guards.py::test_a_known_failure_is_not_tried_again_on_the_same_drive",),
     ),
     "a serial number that was never given": Guard(
-        "haptic_fieldbus/drive/objects.py",
+        "haptic_fieldbus/drive/profile.py",
         "number & ones in (0, ones)",
         "False",
         (
@@ -707,7 +707,7 @@ GUARDS = {
         ("tests/planning/test_guards.py::test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed",),
     ),
     "a measured time that no proof accepts": Guard(
-        "haptic_fieldbus/drive/plausible.py",
+        "haptic_fieldbus/protocols/catalogue.py",
         "not low <= measured <= high",
         "False",
         (
@@ -716,7 +716,7 @@ GUARDS = {
         ),
     ),
     "a measured value that lies outside of its interval": Guard(
-        "haptic_fieldbus/drive/plausible.py",
+        "haptic_fieldbus/protocols/catalogue.py",
         "_is_number(low) and _is_number(high) and low <= value <= high",
         "True",
         (f"{BENCH}test_a_table_that_no_measurement_writes_is_a_fault_of_the_file",),
@@ -773,7 +773,7 @@ GUARDS = {
         (f"{BENCH}test_a_tick_that_is_not_locked_may_be_a_control_period_later_after_the_next_start",),
     ),
     "no note of a drive without a serial number": Guard(
-        "haptic_fieldbus/drive/objects.py",
+        "haptic_fieldbus/drive/profile.py",
         "if self.serial is None:",
         "if False:",
         (

@@ -62,7 +62,7 @@ DOES_WITHOUT = {
         " protocols.canopen.profile sim.canopen.eds_proof",
         "cli.rehearse": "api api.bench api.rehearsal",
         "api.rehearsal": "sim.canopen.bus",
-        "cli.replay": "api.provenance api.replaying recordings.reading report.plot",
+        "cli.recordings": "api.provenance api.replaying api.twin recordings.reading report.plot",
         "cli.report": "api api.provenance protocols.catalogue study.make_report study.measure.bench",
         "cli.run": "api api.provenance assessing.loop_report planning.refusal planning.request planning.selection"
         " recordings.reading report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
@@ -71,7 +71,6 @@ DOES_WITHOUT = {
         "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units protocols.catalogue running.rights sim.host_request sim.faults",
-        "cli.twin": "api.twin",
         "cli.vcan": "vcan.runner",
         "running.ending": "assessing.result",
     },
@@ -113,7 +112,7 @@ DOES_WITHOUT = {
         "api.site": "sim.faults.drawing",
         "assessing.axis_assessment": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
-        "running.session": "assessing.looking_back running.direction running.guard_proof running.rights",
+        "running.session": "assessing.looking_back running.proofs running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",
     },
 }

@@ -19,7 +19,7 @@ from haptic_fieldbus.api.identification import FADE_IN, LONGEST, MeasuringLaw, Q
 from haptic_fieldbus.assessing.looking_back import shaft_record
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import OwnName
-from haptic_fieldbus.drive.objects import Identity
+from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
 from haptic_fieldbus.identification.estimates import Estimate

@@ -28,8 +28,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from haptic_fieldbus.drive.objects import Identity
-from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.profile import Identity, MappedSignal
 from haptic_fieldbus.planning.image import HEADER
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.traffic import BusTraffic

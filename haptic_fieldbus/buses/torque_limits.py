@@ -22,7 +22,7 @@ from typing import Generic, Protocol, TypeVar
 
 from haptic_fieldbus.documents.edits import remove_file, write_file
 from haptic_fieldbus.documents.safe_read import read_octets
-from haptic_fieldbus.drive.objects import DataType, Identity, digest_of
+from haptic_fieldbus.drive.profile import DataType, Identity, digest_of
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.numerals import exactly, in_unit, percent

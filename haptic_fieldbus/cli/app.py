@@ -37,7 +37,8 @@ COMMANDS: dict[str, dict[str, str]] = {
         " them into the rig file.",
         "identify:certify": "Raise the stiffness of SCENE in steps and tap it: the largest one that is well damped,"
         " and the onset. Measure first: `identify`.",
-        "twin:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say what changed on it.",
+        "recordings:twin": "Fit the bench of a recorded run as a simulation, for `run --bus sim`, or say what changed"
+        " on it.",
         "simulate:simulate": "Host simulated drives for other programs, in real time, until Ctrl-C. `run --bus sim`"
         " needs none.",
         "vcan:vcan": "Run a command with virtual SocketCAN interfaces. `simulate` hosts drives on them.",
@@ -50,8 +51,8 @@ COMMANDS: dict[str, dict[str, str]] = {
         "planning:response": "Compute the force of SCENE for a given motion, without a drive. For the closed loop use"
         " `run`.",
         "planning:estimate": "Apply a velocity estimator to a signal in FILE. To use one in a loop: `run --estimator`.",
-        "replay:replay": "Summarise a recording; draw, convert, compare or repair it. To simulate its run again: `run"
-        " --from`.",
+        "recordings:replay": "Summarise a recording; draw, convert, compare or repair it. To simulate its run again:"
+        " `run --from`.",
         "report:report": "Measure error, stability and computing time of all methods. For the limits of one scene use"
         " `stability`.",
         "report:bench": "Measure how fast this computer runs the loop and its parts, each beside a reference of the"

@@ -13,25 +13,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
+from haptic_fieldbus.cycle import laws
 from haptic_fieldbus.cycle.gaps import Gaps, LawPlace
-from haptic_fieldbus.cycle.laws import (
-    READERS,
-    AxisState,
-    Field,
-    Noted,
-    Over,
-    PeriodStep,
-    Sensed,
-    apart,
-    at_rest,
-    bind_sense,
-    blended,
-    field_of,
-    has_say,
-    in_order,
-    is_static,
-    summed,
-)
 from haptic_fieldbus.cycle.plausibility import bind_asked_echo, bind_other_masters, sign_watch, torque_echo
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Permission, Trip, TripKind, TripOff, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sign import Sign, SignOwner
@@ -78,7 +61,7 @@ class AxisCycle:
     def __init__(
         self, owner: CycleContext, axis: AxisPlan, image: AxisImage, period: float, *, controlled: bool
     ) -> None:
-        self.state, self.sensed, self.permission = AxisState(), Sensed(), Permission()
+        self.state, self.sensed, self.permission = laws.AxisState(), laws.Sensed(), Permission()
         self.forgive: Callable[[float], None] = lambda energy: None
         """Books energy [J] of torque that the echo shows beyond the set-points; the cycle sets it."""
         self.stalls = 0
@@ -96,11 +79,11 @@ class AxisCycle:
         """Time without a change of the counts after which `_stand_still` is called [ns]."""
         self.state.feedback = (0,) * (STATUSWORD + len(axis.incoming))
         self.observe = self._bind_observe_velocity() if axis.integrates else self._bind_observe()
-        self.sense, self._step_estimator = bind_sense(axis, self.state, self.sensed, period)
+        self.sense, self._step_estimator = laws.bind_sense(axis, self.state, self.sensed, period)
         """Computes velocity, time and torque once a period; None if the scene needs none of them."""
         self._fields = [self.field_of(element) for element in axis.elements]
         """Force field of each element in order; the sum of all couplings is the last field, if the axis has any."""
-        self._remembers = [has_say(element) for element in axis.elements]
+        self._remembers = [laws.has_say(element) for element in axis.elements]
         """Whether each field depends on the position through a memory."""
         if axis.couplings:
             # The cycle adds up the couplings before any axis renders, so their field only reads the sum.
@@ -109,12 +92,12 @@ class AxisCycle:
         if controlled:
             self._fields.append(lambda position: self.sensed.damped)
             self._remembers.append(False)
-        self._resting: tuple[Field, ...] = (at_rest(axis.elements, period),)
+        self._resting: tuple[laws.Field, ...] = (laws.at_rest(axis.elements, period),)
         """Force at rest of the elements without memory, by position; during a change also the field before it."""
-        self._ramps: list[Over] = []
+        self._ramps: list[laws.Over] = []
         """Ramps that have begun, each by whether it is over."""
         self.field = self._summed()
-        steps_alone = not any(self._remembers) and all(map(is_static, axis.elements))
+        steps_alone = not any(self._remembers) and all(map(laws.is_static, axis.elements))
         present, bounds = None if steps_alone else self._present, (1e-6 * axis.resolution, axis.limits.shift)
         self.place = LawPlace(self.permission, bounds, self._at_rest, present)
         self.limit = bind_limiter(axis.limits, period, self.permission, axis.effort_unit)
@@ -162,22 +145,22 @@ class AxisCycle:
             self.state.controlword = self.axis.power.off
         self.image.output.pack_into(self.output, self.image.outputs[0], self.state.controlword, 0)
 
-    def field_of(self, element: Element) -> Field:
+    def field_of(self, element: Element) -> laws.Field:
         """Return a fresh force field of `element`, which needs no signal beyond those of the plan.
 
         May be called from any thread.
         """
-        return field_of(element, self.period, self.axis.method, self.sensed)
+        return laws.field_of(element, self.period, self.axis.method, self.sensed)
 
     def changed_by(
-        self, before: Sequence[Element], after: Sequence[Element], fields: Mapping[int, Field]
+        self, before: Sequence[Element], after: Sequence[Element], fields: Mapping[int, laws.Field]
     ) -> Callable[[], float]:
         """Return the function of how much the force would change if these elements were exchanged now [N or N·m].
 
         It is the change of the force at rest. Elements without such a force are tried beside the loop, by their new
         `fields` at these indices. Then the function must be called once a period, between two periods.
         """
-        old, new = at_rest(before, self.period), at_rest(after, self.period)
+        old, new = laws.at_rest(before, self.period), laws.at_rest(after, self.period)
 
         def change() -> float:
             position = self.state.position - self.permission.shift
@@ -189,21 +172,21 @@ class AxisCycle:
     def _last_of(self, place: int) -> float:
         """Return the force of a field in the last period; nan in the first call, which begins to note it."""
         field = self._fields[place]
-        if not isinstance(field, Noted):
-            self._fields[place] = field = Noted(field, math.nan)
+        if not isinstance(field, laws.Noted):
+            self._fields[place] = field = laws.Noted(field, math.nan)
             self.field = self._summed()
         return field.last
 
-    def exchange(self, fields: Mapping[int, Field], elements: Sequence[Element], periods: int) -> None:
+    def exchange(self, fields: Mapping[int, laws.Field], elements: Sequence[Element], periods: int) -> None:
         """Replace the fields at these indices along a ramp of `periods`; the other fields keep their state.
 
         `elements` are all elements of the axis after the ramp.
         """
         for place, field in fields.items():
-            self._fields[place], over = blended(self._fields[place], field, periods)
+            self._fields[place], over = laws.blended(self._fields[place], field, periods)
             self._ramps.append(over)
         self.field = self._summed()
-        self._resting = (*self._resting, at_rest(elements, self.period))
+        self._resting = (*self._resting, laws.at_rest(elements, self.period))
 
     @property
     def changing(self) -> bool:
@@ -211,18 +194,18 @@ class AxisCycle:
         self._ramps = [over for over in self._ramps if not over()]
         return bool(self._ramps)
 
-    def _summed(self) -> Field:
+    def _summed(self) -> laws.Field:
         """Return the sum of all fields; fields with a memory are summed apart, and their force is noted."""
         if len({*self._remembers}) < 2:
-            return summed(self._fields)
+            return laws.summed(self._fields)
         fields = [*zip(self._fields, self._remembers, strict=True)]
-        return apart([each for each, of in fields if of], [each for each, of in fields if not of], self.state)
+        return laws.apart([each for each, of in fields if of], [each for each, of in fields if not of], self.state)
 
     def _present(self) -> float:
         """Return the force of the elements with a memory in the last period."""
         return self.state.force if all(self._remembers) else self.state.remembered
 
-    def _at_rest(self) -> Sequence[Field]:
+    def _at_rest(self) -> Sequence[laws.Field]:
         """Return the fields of the force at rest; the present force at rest lies between them."""
         if not self.changing:
             self._resting = self._resting[-1:]
@@ -230,7 +213,8 @@ class AxisCycle:
 
     def reader(self, needs: Sequence[Signal]) -> Callable[[], list[float]]:
         """Return a function that reads the signals `needs` of this axis, in their order."""
-        state, sensed, permission, readers = self.state, self.sensed, self.permission, [READERS[each] for each in needs]
+        state, sensed, permission = self.state, self.sensed, self.permission
+        readers = [laws.READERS[each] for each in needs]
         return lambda: [read(state.position - permission.shift, sensed) for read in readers]
 
     def _trip(self, kind: TripKind, value: float, limit: float | None = None, detail: str = "") -> None:
@@ -362,7 +346,7 @@ class AxisCycle:
             self._trip(TripKind.DRIVE_DISABLED, statusword, detail=state.power.value)
         self._owner.update_enabled()
 
-    def _bind_render(self) -> PeriodStep:
+    def _bind_render(self) -> laws.PeriodStep:
         """Return `render`: position → force → permitted force → target torque. Without new feedback the torque is held,
         then fades."""
         state, axis, permission, limit = self.state, self.axis, self.permission, self.limit
@@ -390,7 +374,7 @@ class AxisCycle:
             proved = bind_asked_echo(axis, state, self.period, self._trip, self._forgive, proved)
         else:
             proved = self.echo.bind(proved)
-        return in_order([each for each in (self.look, proved, self.after) if each is not None])
+        return laws.in_order([each for each in (self.look, proved, self.after) if each is not None])
 
     def not_finite(self) -> None:
         """Trip because the force of the scene is no number."""
@@ -431,7 +415,7 @@ class AxisCycle:
 class AxisWatch:
     """Watches one axis; `trip` takes the torque away."""
 
-    def __init__(self, axis: AxisPlan, state: AxisState, period: float, trip: TripOff) -> None:
+    def __init__(self, axis: AxisPlan, state: laws.AxisState, period: float, trip: TripOff) -> None:
         self._state, self._trip = state, trip
         self._period, self._period_ns = period, round(period * 1e9)
         self._looked = ((0.0, 0), (0.0, 0))

@@ -9,8 +9,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Le
 
 from haptic_fieldbus.drive.fields import Table, UInt32
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.drive.profile import DataType, DriveProfile, MappedSignal, ObjectEntry
 from haptic_fieldbus.drive.rig import is_current
 from haptic_fieldbus.signals import Signal
 

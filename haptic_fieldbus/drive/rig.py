@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Len
 from haptic_fieldbus.documents.quantities import Quantity
 from haptic_fieldbus.drive import fields
 from haptic_fieldbus.drive.fields import Table
-from haptic_fieldbus.drive.objects import Identity, digest_of, known_number
+from haptic_fieldbus.drive.profile import Identity, digest_of, known_number
 from haptic_fieldbus.signals import Workspace
 
 if TYPE_CHECKING:

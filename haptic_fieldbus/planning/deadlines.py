@@ -19,17 +19,9 @@ from enum import Enum
 
 from haptic_fieldbus.drive.profile import DriveProfile
 from haptic_fieldbus.numerals import exactly, percent, rounded
+from haptic_fieldbus.planning import limits
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import unguarded
-from haptic_fieldbus.planning.limits import (
-    FOREIGN_SHARE,
-    FOREIGN_TIMES,
-    FOREIGN_WITHIN,
-    OVERSHOOT,
-    fade_periods,
-    foreign_gap,
-    recent_time,
-)
 from haptic_fieldbus.protocols.traffic import BusTraffic, Json, OtherMasters
 from haptic_fieldbus.signals import Signal
 
@@ -166,8 +158,9 @@ def _replaced(others: OtherMasters, period: float) -> tuple[float, str]:
     """
     if others.shown_by is None:
         return math.inf, "not detected: no register shows them before ours replace them"
-    shown = f"{others.shown_by.value} shows them; {FOREIGN_TIMES} within {exactly(FOREIGN_WITHIN)} s are a trip"
-    acting = FOREIGN_TIMES * foreign_gap(period, others.every) + period
+    within = f"{limits.FOREIGN_TIMES} within {exactly(limits.FOREIGN_WITHIN)} s"
+    shown = f"{others.shown_by.value} shows them; {within} are a trip"
+    acting = limits.FOREIGN_TIMES * limits.foreign_gap(period, others.every) + period
     return acting, f"sum of the times until ours replace them; {shown}"
 
 
@@ -180,14 +173,14 @@ def unseen_text(axis: AxisPlan, period: float) -> str:
     if others.shown_by is None:
         return f"{who}: all of them; no register of {axis.profile.title} shows them before ours replace them"
     measured = others.shown_by is Signal.TORQUE_ACTUAL
-    recent = recent_time(period, axis.limits.age, axis.delay.torque_loop if measured else 0.0)
-    overshoot = f" and {percent(OVERSHOOT)} of their range" if measured else ""
+    recent = limits.recent_time(period, axis.limits.age, axis.delay.torque_loop if measured else 0.0)
+    overshoot = f" and {percent(limits.OVERSHOOT)} of their range" if measured else ""
     turns = "" if others.every == 1 else f", checked in one of {others.every} periods"
     return (
         f"{who}: those that act for less than {rounded(1e3 * others.blind)} ms (period "
         f"{rounded(1e3 * period)} ms){turns}; those outside the range of ours in the last "
-        f"{rounded(1e3 * recent)} ms by less than {percent(FOREIGN_SHARE)} of rated torque{overshoot}. Fewer than "
-        f"{FOREIGN_TIMES} within {exactly(FOREIGN_WITHIN)} s do not trip"
+        f"{rounded(1e3 * recent)} ms by less than {percent(limits.FOREIGN_SHARE)} of rated torque{overshoot}. Fewer "
+        f"than {limits.FOREIGN_TIMES} within {exactly(limits.FOREIGN_WITHIN)} s do not trip"
     )
 
 
@@ -201,5 +194,5 @@ def _missing(axis: AxisPlan, period: float, age: float) -> tuple[float, float]:
     """Return the time from the last feedback to torque-free set-points [s]: by the fade, and by the trip at `age`."""
     # A loop without feedback waits for it nearly to the end of its period. Set-points at SYNC then act a period later.
     answered = period * (2.0 if axis.delay.transport >= period else 1.0)
-    faded = (1 + fade_periods(period)) * period
+    faded = (1 + limits.fade_periods(period)) * period
     return faded + answered, age + period + answered

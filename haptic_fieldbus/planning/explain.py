@@ -25,6 +25,7 @@ from haptic_fieldbus.numerals import (
     rounded_down,
     rounded_limit,
 )
+from haptic_fieldbus.planning import refusal
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import REMAINDER, enabling_lines, unseen_text
 from haptic_fieldbus.planning.encoder_probe import encoder_lines, encoder_probe
@@ -39,15 +40,6 @@ from haptic_fieldbus.planning.limits import (
     START_SHARE,
 )
 from haptic_fieldbus.planning.plan import Plan, assumed_texts
-from haptic_fieldbus.planning.refusal import (
-    caveat_text,
-    limit_value,
-    own_law_texts,
-    passivity_condition,
-    softer,
-    verdict_text,
-    way_limits,
-)
 from haptic_fieldbus.planning.sign_probe import is_checked, sign_probe
 from haptic_fieldbus.protocols.registry import TRAFFIC_KEYS
 from haptic_fieldbus.protocols.traffic import Delay, Json
@@ -191,7 +183,7 @@ def summary_json(plan: Plan) -> dict[str, Json]:
 
 def plan_rows(plan: Plan, *, verbose: bool = False) -> Iterator[OutputRow]:
     """Yield the rows of a plan, in the order of its text."""
-    summary, ways, ages, axes = summary_json(plan), way_limits(plan), plan.coupling_ages, plan.axes
+    summary, ways, ages, axes = summary_json(plan), refusal.way_limits(plan), plan.coupling_ages, plan.axes
     yield OutputRow("scene", [f"{plan.scene.name}: {plan.scene.description}"])
     for axis in axes:
         drive = f"{axis.name}: {axis.profile.title}, node {axis.node}"
@@ -295,17 +287,17 @@ def limit_text(stability: Stability | None) -> str:
     if stability is None:
         return "unknown: the rig has no valid inertia, damping or friction; identify measures them"
     if stability.stiffness is None:
-        known = caveat_text(stability)
+        known = refusal.caveat_text(stability)
         return f"none: no stiffness to vary{'' if stability.is_inside else '; unstable for some open values'}{known}"
     asked, limit = rounded_limit(stability.stiffness), stability.limit
     if math.isinf(limit.value):
-        return f"none: stable at any stiffness{caveat_text(stability)}; {asked} {stability.unit} asked"
+        return f"none: stable at any stiffness{refusal.caveat_text(stability)}; {asked} {stability.unit} asked"
     if not limit.value:
         found = "no stiffness is stable" if limit.obstacle is None else obstacle_text(limit.obstacle, stability.unit)
-        return f"{limit_value(stability)}; {found}"
+        return f"{refusal.limit_value(stability)}; {found}"
     where = "inside" if stability.is_inside else "above it"
     cycle = "; vibrates by one encoder count" if stability.verdict is Verdict.LIMIT_CYCLE else ""
-    return f"{limit_value(stability)}; {asked} is {where}, margin {margin_text(stability)}{cycle}"
+    return f"{refusal.limit_value(stability)}; {asked} is {where}, margin {margin_text(stability)}{cycle}"
 
 
 def margin_text(stability: Stability) -> str:
@@ -324,7 +316,8 @@ def nominal_texts(stability: Stability) -> Iterator[str]:
     yield f"stable {up_to(nominal.stable, unit)}"
     # Above the limit the loop may not be passive for some open values.
     hand = ", stable with every passive hand" if nominal.passive and stability.is_inside else ""
-    yield f"{passive_to(nominal.passive, unit)}{passivity_condition(stability) if nominal.passive else ''}{hand}"
+    condition = refusal.passivity_condition(stability) if nominal.passive else ""
+    yield f"{passive_to(nominal.passive, unit)}{condition}{hand}"
     if nominal.quantisation is not None:
         between = "steps" if stability.plant.tachometer else "counts"
         yield f"at rest between two {between} {up_to(nominal.quantisation, unit)} (2·fc/D)"
@@ -334,7 +327,7 @@ def verdict_texts(plan: Plan) -> Iterator[str]:
     """Yield the verdict on the weakest axis, its nominal limits, and the values at which the limit was found."""
     axis, stability = plan.weakest, plan.stability
     if axis is not None and stability is not None:
-        yield verdict_text(stability)
+        yield refusal.verdict_text(stability)
         yield from (f"nominal: {text}" for text in nominal_texts(stability))
         yield from worst_texts(stability, axis.workspace, axis.group)
 
@@ -355,7 +348,7 @@ def place_texts(stability: Stability, workspace: Workspace) -> Iterator[str]:
             f"unstable equilibrium at {in_unit(crest.position, length)}: spectral radius of the ideal "
             f"{rounded(crest.ideal, 6)}, of this loop {rounded(crest.growth, 6)}"
         )
-    yield from (text for _, text in own_law_texts(stability, workspace))
+    yield from (text for _, text in refusal.own_law_texts(stability, workspace))
 
 
 def worst_texts(stability: Stability, workspace: Workspace, group: Group | None) -> Iterator[str]:
@@ -380,7 +373,7 @@ def obstacle_text(obstacle: Obstacle, unit: str) -> str:
     return (
         f"{element.name} alone is above its limit, {rounded_limit(stiffness_of(element))} of "
         f"{exactly(rounded_down(obstacle.limit, TYPED_DIGITS))} {unit}, which leaves none for {obstacle.beside}; "
-        f"inside: {softer(element, rounded_down(obstacle.limit))}"
+        f"inside: {refusal.softer(element, rounded_down(obstacle.limit))}"
     )
 
 

@@ -1,6 +1,6 @@
 """The guard (watchdog) of each drive: without messages of the host the drive takes the torque away by itself.
 
-The guard is set when the drive is configured. A run proves that it acts (`running.guard_proof`): the run stops sending
+The guard is set when the drive is configured. A run proves that it acts (`running.proofs`): the run stops sending
 at zero torque and measures the time. The outcome is kept in the rig file (`Proved`). A drive without a guard, or with a
 guard that failed in the test, may give no more than the holding torque, and only where a person can cut its power.
 """
@@ -8,8 +8,7 @@ guard that failed in the test, may give no more than the holding torque, and onl
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from haptic_fieldbus.drive.objects import Identity
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, Identity
 from haptic_fieldbus.drive.rig import Proved, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly, rounded

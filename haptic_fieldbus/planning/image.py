@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, Protocol
 
-from haptic_fieldbus.drive.objects import Order
-from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.profile import MappedSignal, Order
 from haptic_fieldbus.protocols.traffic import AxisTraffic
 from haptic_fieldbus.signals import Signal
 

@@ -24,8 +24,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
-from haptic_fieldbus.drive.objects import Identity, digest_of
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, Identity, digest_of
 from haptic_fieldbus.drive.rig import MECHANICAL, BusSection, Contradicted, Identified, LinearMechanism, Rig, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.margins import Basis

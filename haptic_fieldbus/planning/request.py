@@ -9,14 +9,7 @@ from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
-from haptic_fieldbus.defaults import (
-    DEFAULT_BUS,
-    DEFAULT_DURATION,
-    DEFAULT_NODE,
-    DEFAULT_PROTOCOL,
-    DEFAULT_RATE,
-    DEFAULT_SEED,
-)
+from haptic_fieldbus import defaults
 from haptic_fieldbus.documents.quantities import Quantity, parse_quantity
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError, raise_all
@@ -54,7 +47,7 @@ class Task:
     """Profile of the shipped bench, by name or path; None: the default profile of the protocol."""
     bus: str | None = None
     """sim[@BITRATE] or INTERFACE:CHANNEL[@BITRATE]; None is the simulation, or the buses of the rig."""
-    node: int = DEFAULT_NODE
+    node: int = defaults.DEFAULT_NODE
     """Node-ID of the first axis of the shipped bench; the other axes follow in order."""
     axes: Mapping[str, str] | None = None
     """Rig axis for each scene axis, {"knob": "handle"}; an omitted axis uses the rig axis of the same name."""
@@ -135,24 +128,24 @@ def _seconds(text: str) -> float:
 
 def check_request(
     *,
-    bus: str = DEFAULT_BUS,
-    node: int = DEFAULT_NODE,
+    bus: str = defaults.DEFAULT_BUS,
+    node: int = defaults.DEFAULT_NODE,
     rate: float | None = None,
-    duration: float = DEFAULT_DURATION,
-    seed: int = DEFAULT_SEED,
+    duration: float = defaults.DEFAULT_DURATION,
+    seed: int = defaults.DEFAULT_SEED,
     record: Path | None = None,
 ) -> BusName:
     """Check a request and return its bus; `rate` in Hz, None for the rate of the bus, `duration` in s.
 
     Raises one UsageError that lists every fault.
     """
-    faults = _number_faults(DEFAULT_RATE if rate is None else rate, duration, seed)
+    faults = _number_faults(defaults.DEFAULT_RATE if rate is None else rate, duration, seed)
     faults += file_faults("record", record, RECORD_SUFFIXES)
     try:
         name = parse_bus(bus)
     except UsageError as error:
         # The bus is unknown, and so is its protocol; the node is checked by the default one.
-        raise UsageError("\n".join([str(error), *_node_faults(DEFAULT_PROTOCOL, "", node), *faults])) from None
+        raise UsageError("\n".join([str(error), *_node_faults(defaults.DEFAULT_PROTOCOL, "", node), *faults])) from None
     raise_all([*_node_faults(name.section.protocol, name.section.interface, node), *faults])
     return name
 

@@ -19,7 +19,7 @@ from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
 from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
-from haptic_fieldbus.drive.objects import Identity
+from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import percent, rounded
 from haptic_fieldbus.planning.deadlines import unseen_text
@@ -270,14 +270,14 @@ class Session:
         """
         plan = self.plan
         if due:
-            from haptic_fieldbus.running import guard_proof
+            from haptic_fieldbus.running import proofs
 
             ending.hold()
-            self._proofs = guard_proof.prove(plan, bus, clock, due, ending)
-            self._warnings += guard_proof.keep(plan, bus.facts, self._proofs)
-            guard_proof.check(plan, bus.facts, self._proofs, self._warnings)
+            self._proofs = proofs.prove(plan, bus, clock, due, ending)
+            self._warnings += proofs.keep(plan, bus.facts, self._proofs)
+            proofs.check(plan, bus.facts, self._proofs, self._warnings)
         if not plan.simulated:
-            from haptic_fieldbus.running.direction import confirm_direction
+            from haptic_fieldbus.running.proofs import confirm_direction
 
             self._warnings += confirm_direction(plan, bus, clock, self.instruct, ending)
         bus.configure(plan)
@@ -297,7 +297,7 @@ class Session:
         heard = dict.fromkeys(facts.listened for facts in bus.facts.values() if facts.listened)
         proved: Iterable[str] = ()
         if due:
-            from haptic_fieldbus.running.guard_proof import questions
+            from haptic_fieldbus.running.proofs import questions
 
             proved = questions(plan, due)
         unseen = [f"Not detected: {text}." for axis in plan.axes if (text := unseen_text(axis, plan.period))]

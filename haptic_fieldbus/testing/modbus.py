@@ -14,8 +14,7 @@ from threading import Event, Thread
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError
-from haptic_fieldbus.protocols.modbus.bus import modbus_section, parse_bus
-from haptic_fieldbus.protocols.modbus.layout import line_of
+from haptic_fieldbus.protocols.modbus.bus import line_of, modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import BusName

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.vcan import guest, runner
+from haptic_fieldbus.vcan import runner
 from tests.cli.command import Command
 
 PACKAGES = "apt-get install user-mode-linux kmod iproute2"
@@ -18,14 +18,14 @@ def programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("true", "sleep", "rm"):
         (folder / name).symlink_to(f"/bin/{name}")
     monkeypatch.setenv("PATH", str(folder))
-    monkeypatch.setattr(guest, "SYSTEM_FOLDERS", ())
-    monkeypatch.setattr(guest, "MODULES", tmp_path)
+    monkeypatch.setattr(runner, "SYSTEM_FOLDERS", ())
+    monkeypatch.setattr(runner, "MODULES", tmp_path)
     return folder
 
 
 def kernel(programs: Path, script: str) -> None:
     """Let a script be the guest kernel, with all that it needs."""
-    for name in guest.PROGRAMS:
+    for name in runner.PROGRAMS:
         (programs / name).write_text(f"#!/bin/sh\n{script}\n")
         (programs / name).chmod(0o755)
     module = programs.parent / "6.1" / "kernel" / "drivers" / "net" / "can" / "vcan.ko"
@@ -81,7 +81,7 @@ def test_too_little_room_for_the_memory_of_the_guest_is_told(
     command: Command, programs: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kernel(programs, "exit 0")
-    monkeypatch.setattr(guest, "MEMORY_MB", 2**40)
+    monkeypatch.setattr(runner, "MEMORY_MB", 2**40)
     finished = command("vcan", "--guest", "--", "true")
     assert finished.status == 125
     assert "set TMPDIR to another one" in finished.err
@@ -108,7 +108,7 @@ def test_a_kernel_that_does_not_boot_is_ended(
 
 def test_what_the_guest_says_is_understood_in_pieces_of_any_size() -> None:
     said = b"ready\nunwritten /a b\nstatus 3\n"
-    whole, pieces = guest.GuestReports(), guest.GuestReports()
+    whole, pieces = runner.GuestReports(), runner.GuestReports()
     whole.hear(said)
     for octet in said:
         pieces.hear(bytes([octet]))

@@ -16,7 +16,7 @@ from haptic_fieldbus.cycle.plausibility import EchoMismatch
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.cycle.trips import trip_error
 from haptic_fieldbus.drive.cia402 import MappedObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.errors import DriveFaultError
 from haptic_fieldbus.numerics.linear import StateSpace, gain

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType, Identity, digest_of, known_number
+from haptic_fieldbus.drive.profile import DataType, Identity, digest_of, known_number
 
 DRIVE = Identity(0xFB, 0x6050_0000, 0x0168_0000, 0x1234)
 

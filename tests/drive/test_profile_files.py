@@ -14,7 +14,7 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, TORQUE_UNITS, VELOCITY_UNITS, velocity_step
 from haptic_fieldbus.errors import DocumentError, ProfileError, UsageError
 from haptic_fieldbus.protocols import catalogue

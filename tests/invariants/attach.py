@@ -150,11 +150,11 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
     """Judge every run on a simulated bus meanwhile; `keep` its witnesses too."""
     from haptic_fieldbus.buses.canopen.master import CanopenBus
     from haptic_fieldbus.buses.modbus.master import ModbusBus
-    from haptic_fieldbus.running import guard_proof, session
+    from haptic_fieldbus.running import proofs, session
 
     watch = Watch(Findings(keep=keep))
     watch.findings.settle = watch.end_all
-    render, prove = session.Session.render, guard_proof.prove
+    render, prove = session.Session.render, proofs.prove
 
     def rendered(request: Any, place: Any) -> Any:
         return watch.render(render, request, place)
@@ -164,7 +164,7 @@ def watched(*, keep: bool = False) -> Iterator[Findings]:
 
     patched: Any = session.Session
     patched.render = rendered
-    patched_proving: Any = guard_proof
+    patched_proving: Any = proofs
     patched_proving.prove = proved
     with _told(CanopenBus, watch), _told(ModbusBus, watch):
         try:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.drive.cia402 import OptionCode, WrittenObject
-from haptic_fieldbus.drive.objects import DataType, Identity
+from haptic_fieldbus.drive.profile import DataType, Identity
 from haptic_fieldbus.drive.rig import Limits, Proved, Rig
 from haptic_fieldbus.errors import PlanError, RigError
 from haptic_fieldbus.planning.explain import explain, plan_json

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType, Order
-from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.profile import DataType, MappedSignal, Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER, lay_out_image
 from haptic_fieldbus.protocols.canopen.pdo import Direction, Pdo, lay_out
 from haptic_fieldbus.protocols.canopen.traffic import PdoTraffic

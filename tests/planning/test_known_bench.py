@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from haptic_fieldbus.drive.objects import Identity
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, Identity
 from haptic_fieldbus.drive.rig import (
     CompliantCoupling,
     Identified,

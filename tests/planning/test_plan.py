@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import BusSection, Limits, RotaryMechanism
 from haptic_fieldbus.errors import BusOverloadError, PlanError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Basis, Limit

@@ -12,8 +12,8 @@ from haptic_fieldbus.drive.rig import Seen
 from haptic_fieldbus.errors import RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.running.direction import confirm_direction
 from haptic_fieldbus.running.ending import EndSignals
+from haptic_fieldbus.running.proofs import confirm_direction
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus

@@ -13,7 +13,7 @@ from haptic_fieldbus.api import plan, run
 from haptic_fieldbus.errors import BusError, DriveFaultError, PlanError, SafetyTripError, UnprovedGuardError
 from haptic_fieldbus.planning.guards import SetGuard
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.running import guard_proof
+from haptic_fieldbus.running import proofs
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.faults import DeadGuard, DriveFault, SdoRefusal
 from tests.builders import canopen, shipped
@@ -427,7 +427,7 @@ class Asked:
 def test_the_time_of_questions_counts_for_the_drive_up_to_20_ms(questions: int, lasted: float) -> None:
     guard = SetGuard(seconds=0.1, late=0.002, period=0.001)
     axis: Any = SimpleNamespace(name="handle", power=plan("wall").axes[0].power)
-    looked, asked = guard_proof._TestedDrive(axis, plan("wall").image.axes[0], guard), Asked()
+    looked, asked = proofs._TestedDrive(axis, plan("wall").image.axes[0], guard), Asked()
     for _ in range(questions):
         looked.ask(asked, asked)  # type: ignore[arg-type]
     proof = looked.proof(0)

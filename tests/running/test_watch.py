@@ -10,7 +10,7 @@ import pytest
 from haptic_fieldbus.buses.scan_result import DriveReading
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.cia402 import MappedObject, VelocitySection
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import LinearMechanism, RigAxis, RotaryMechanism
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile

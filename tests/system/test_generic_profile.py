@@ -19,7 +19,7 @@ from haptic_fieldbus.buses.canopen.node import Node
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan

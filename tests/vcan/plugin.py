@@ -71,7 +71,7 @@ class Vcan:
     def _from_guest(self, item: pytest.Item) -> Iterator[pytest.TestReport]:
         """Reports of a test; one that says why when it was not run."""
         from haptic_fieldbus.errors import VcanError
-        from haptic_fieldbus.vcan import guest
+        from haptic_fieldbus.vcan import runner as guest
 
         try:
             guest.require_guest()

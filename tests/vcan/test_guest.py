@@ -12,7 +12,7 @@ from time import monotonic
 import pytest
 
 from haptic_fieldbus.errors import VcanError
-from haptic_fieldbus.vcan import guest
+from haptic_fieldbus.vcan import runner as guest
 from tests.peers.hosts import hear_signals
 
 pytestmark = [

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.vcan import guest
+from haptic_fieldbus.vcan import runner as guest
 
 TEXT = (Path(__file__).parents[2] / "docs" / "how-to" / "test_on_vcan.md").read_text()
 COMMANDS = re.findall(r"^haptic-fieldbus (.*)$", TEXT, re.MULTILINE)

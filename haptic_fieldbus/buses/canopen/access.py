@@ -19,8 +19,7 @@ from haptic_fieldbus.buses.canopen.setup import NO_ANSWER_ADVICE
 from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, FoundNode, Scan
 from haptic_fieldbus.clock import Clock, MonotonicClock
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.profile import STANDARD, DriveProfile
+from haptic_fieldbus.drive.profile import STANDARD, DataType, DriveProfile, ObjectEntry
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, EdsError
 from haptic_fieldbus.protocols.canopen import bus

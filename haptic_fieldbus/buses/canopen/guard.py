@@ -19,7 +19,7 @@ from itertools import chain, cycle, islice
 
 from haptic_fieldbus.buses.canopen.node import NmtState, Node
 from haptic_fieldbus.buses.canopen.wire import Received
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.profile import ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection

@@ -19,7 +19,7 @@ from canopen.sdo.constants import ABORT_GENERAL_ERROR, REQUEST_ABORTED
 from haptic_fieldbus.buses.canopen.errors import FOREIGN, translate
 from haptic_fieldbus.buses.canopen.frames import REMOTE_FLAG
 from haptic_fieldbus.buses.canopen.wire import Received, Wire
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.bus import EMCY_COB_ID, NMT_COB_ID, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID

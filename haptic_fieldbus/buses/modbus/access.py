@@ -22,12 +22,11 @@ from haptic_fieldbus.buses.torque_limits import rated_torque
 from haptic_fieldbus.buses.usb_serial import SYS, latency_timer
 from haptic_fieldbus.buses.writing import FRAME_SUFFIXES
 from haptic_fieldbus.clock import Clock, MonotonicClock
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError, ForeignMasterError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile
-from haptic_fieldbus.protocols.modbus.bus import ModbusSection, modbus_section
-from haptic_fieldbus.protocols.modbus.layout import characters, line_of
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection, characters, line_of, modbus_section
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register, modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.signals import Signal

@@ -5,7 +5,7 @@ from struct import Struct
 
 from haptic_fieldbus.buses.bus import Offsets
 from haptic_fieldbus.buses.modbus.framing import FrameForm, Question
-from haptic_fieldbus.drive.objects import Order
+from haptic_fieldbus.drive.profile import Order
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
 from haptic_fieldbus.protocols.modbus.profile import READ_WRITE, LineSection, ModbusProfile
 from haptic_fieldbus.protocols.modbus.register_traffic import Block, RegisterRequest, RegisterTraffic

@@ -50,8 +50,7 @@ from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import AxisImage
 from haptic_fieldbus.planning.limits import effort_step
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.protocols.modbus.bus import ModbusSection
-from haptic_fieldbus.protocols.modbus.layout import characters
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection, characters
 from haptic_fieldbus.protocols.modbus.profile import READ_HOLDING, ModbusProfile, Register
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterRequest, Transaction
 from haptic_fieldbus.protocols.modbus.traffic import ModbusTraffic

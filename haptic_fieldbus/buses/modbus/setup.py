@@ -11,7 +11,7 @@ from haptic_fieldbus.buses.modbus.exchange import refuse_unrest
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient
 from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, checked_rated_torque
-from haptic_fieldbus.drive.objects import Identity, known_number
+from haptic_fieldbus.drive.profile import Identity, known_number
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, Register

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from haptic_fieldbus.documents.expected import listed
 from haptic_fieldbus.drive.cia402 import OptionCode, WrittenObject
-from haptic_fieldbus.drive.objects import ObjectEntry
+from haptic_fieldbus.drive.profile import ObjectEntry
 from haptic_fieldbus.drive.rig import PERMILLE, PERMILLE_OF_CURRENT
 from haptic_fieldbus.eds import Eds, EdsEntry
 from haptic_fieldbus.errors import Fault

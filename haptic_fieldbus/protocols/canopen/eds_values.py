@@ -9,7 +9,7 @@ from dataclasses import KW_ONLY, dataclass
 from enum import Enum
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode, WrittenObject
-from haptic_fieldbus.drive.objects import NAMES, DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import NAMES, DataType, ObjectEntry
 from haptic_fieldbus.drive.rig import COUNTS, COUNTS_PER_SECOND, PERMILLE, TENTH_DEGREE
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType
 from haptic_fieldbus.protocols.canopen.pdo import Direction

@@ -12,7 +12,7 @@ from dataclasses import replace
 from enum import Enum
 from typing import Any
 
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsObject, EdsType, ObjectCode
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen import eds_values

@@ -13,7 +13,7 @@ from typing import Annotated
 from annotated_types import Ge, Le, Len
 
 from haptic_fieldbus.drive.fields import Table, UInt32
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.protocols.protocol import Signals
 from haptic_fieldbus.signals import Signal

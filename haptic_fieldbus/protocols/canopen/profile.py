@@ -13,8 +13,7 @@ from haptic_fieldbus.documents import Document, KeyPath
 from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import ECHOES, Cia402Profile, Index, LinkLoss, WrittenObject
 from haptic_fieldbus.drive.fields import NonNegativeTime, Table, UInt32
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DataType, DriveProfile, ObjectEntry
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols import protocol
 from haptic_fieldbus.protocols.canopen.pdo import LARGEST_PAYLOAD, OCTETS, Direction, FixedPdo

@@ -9,8 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
-from haptic_fieldbus.drive.objects import DataType
-from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.profile import DataType, MappedSignal
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.numerals import exactly, percent, rounded

@@ -11,7 +11,7 @@ Master and drive watch each other, in one of two ways:
 import math
 
 from haptic_fieldbus.drive.cia402 import OptionCode
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.pdo import worst_case_bits

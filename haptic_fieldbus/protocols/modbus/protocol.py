@@ -10,7 +10,7 @@ from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.cia402 import CIA402
 from haptic_fieldbus.protocols.modbus import bus, profile
-from haptic_fieldbus.protocols.modbus.layout import lay_out_registers, line_of
+from haptic_fieldbus.protocols.modbus.bus import lay_out_registers, line_of
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.register_traffic import RegisterTraffic
 from haptic_fieldbus.protocols.modbus.traffic import ModbusMember, ModbusTraffic, possible_ways

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from haptic_fieldbus.drive.objects import DataType, Order
-from haptic_fieldbus.drive.profile import MappedSignal
+from haptic_fieldbus.drive.profile import DataType, MappedSignal, Order
 from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.numerals import rounded
 from haptic_fieldbus.protocols.modbus.profile import (

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.eds import Eds, EdsEntry, EdsType, NodeOffset
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.eds_pdos import COMMUNICATION, MAPPING, MOST_ENTRIES, pdo_shape

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from haptic_fieldbus.drive.cia402 import Cia402Profile, MappedObject, OptionCode, PositionSection, VelocitySection
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import RATED_TORQUE_UNITS, SHARES_OF_RATED
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.numerals import exactly

@@ -7,19 +7,9 @@ import math
 from dataclasses import dataclass, replace
 from random import Random
 
+from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import Cia402Profile
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.drive.rig import (
-    COUNTS,
-    COUNTS_PER_SECOND,
-    MECHANICAL,
-    LinearMechanism,
-    RigAxis,
-    RotaryMechanism,
-    default_axis,
-    steps_per_revolution,
-    velocity_step,
-)
 from haptic_fieldbus.sim.drive.dictionary import Dictionary
 from haptic_fieldbus.sim.drive.objects import Defaults, Objects
 from haptic_fieldbus.sim.drive.servo import FirmwareTimes
@@ -97,15 +87,15 @@ BUILT_KEYS = ("inertia", "viscous_damping", "coulomb_friction", "encoder_counts_
 """Values of an axis that its simulated bench may have otherwise."""
 
 
-def as_built(axis: RigAxis) -> RigAxis:
+def as_built(axis: rig.RigAxis) -> rig.RigAxis:
     """Return the axis with the values that its simulated bench really has (`[axis.NAME.simulation]`)."""
     given = {key: getattr(axis.simulation, key) for key in BUILT_KEYS}
     # What nobody states may have been measured.
-    given |= {key: getattr(axis.identified, key) for key in MECHANICAL if getattr(axis, key) is given[key] is None}
+    given |= {key: getattr(axis.identified, key) for key in rig.MECHANICAL if getattr(axis, key) is given[key] is None}
     return replace(axis, **{key: value for key, value in given.items() if value is not None})
 
 
-def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
+def known_mechanics(axis: rig.RigAxis) -> tuple[float, float, float]:
     """Return inertia [kg·m²], viscous damping [N·m·s/rad] and rated torque [N·m] of the axis.
 
     Unknown values are those of the shipped bench; raises ValueError when that has none.
@@ -113,17 +103,19 @@ def known_mechanics(axis: RigAxis) -> tuple[float, float, float]:
     return _known(axis, "inertia"), _known(axis, "viscous_damping"), _known(axis, "rated_torque")
 
 
-def _known(axis: RigAxis, key: str) -> float:
+def _known(axis: rig.RigAxis, key: str) -> float:
     """Return a value of the axis, or that of the shipped bench; raises ValueError when that has none."""
     given: float | None = getattr(axis, key)
     if given is None:
-        given = getattr(default_axis(axis.mechanism.workspace, bus="", node=1, profile=axis.profile), key)
+        given = getattr(rig.default_axis(axis.mechanism.workspace, bus="", node=1, profile=axis.profile), key)
     if given is None:
         raise ValueError(f"the shipped bench has unknown values: {key}")
     return given
 
 
-def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int) -> Body:
+def build_plant(
+    profile: DriveProfile, axis: rig.RigAxis, hand: Hand | None, settings: DriveSettings, t_ns: int
+) -> Body:
     """Return motor, load and hand at the motor shaft, from `t_ns` on; a rigid shaft unless the rig has more parts."""
     built = as_built(axis)
     inertia, damping, _ = known_mechanics(built)
@@ -135,7 +127,7 @@ def build_plant(profile: DriveProfile, axis: RigAxis, hand: Hand | None, setting
     return plant
 
 
-def _plant(axis: RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettings, t_ns: int) -> Body:
+def _plant(axis: rig.RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettings, t_ns: int) -> Body:
     position, velocity = settings.position, settings.velocity
     if axis.simulation.is_rigid:
         return Plant(shaft, held, position=position, velocity=velocity, t_ns=t_ns)
@@ -143,7 +135,7 @@ def _plant(axis: RigAxis, shaft: Shaft, held: Grip | None, settings: DriveSettin
     from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 
     mechanism = axis.mechanism
-    lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, RotaryMechanism) else None
+    lever = mechanism.sign * mechanism.ratio if isinstance(mechanism, rig.RotaryMechanism) else None
     load = Load(shaft, axis.simulation, lever)
     return LoadedPlant(load, held, position=position, velocity=velocity, t_ns=t_ns)
 
@@ -160,25 +152,25 @@ def build_timing(profile: Cia402Profile, settings: DriveSettings) -> FirmwareTim
     )
 
 
-def build_gains(profile: Cia402Profile, axis: RigAxis, tick: float) -> Gains:
+def build_gains(profile: Cia402Profile, axis: rig.RigAxis, tick: float) -> Gains:
     """Return the gains of the drive's own loops for a control tick [s]; they were tuned on the bench as it is."""
     inertia, damping, _ = known_mechanics(as_built(axis))
     return Gains(inertia, damping, 1 / (LAGS * (tick + _lag(profile, axis))))
 
 
-def build_units(profile: Cia402Profile, axis: RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
+def build_units(profile: Cia402Profile, axis: rig.RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
     """Return the factor group of this drive, with its own unit of velocity if the profile names one."""
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
     unit = _own_velocity_unit(profile)
-    own = velocity_step(unit, axis.encoder_counts_per_revolution) if unit != COUNTS_PER_SECOND else None
+    own = rig.velocity_step(unit, axis.encoder_counts_per_revolution) if unit != rig.COUNTS_PER_SECOND else None
     return Units(counts_per_radian, objects.table, dictionary, own)
 
 
 def _own_velocity_unit(profile: Cia402Profile) -> str:
-    return profile.velocity.actual.unit if profile.velocity is not None else COUNTS_PER_SECOND
+    return profile.velocity.actual.unit if profile.velocity is not None else rig.COUNTS_PER_SECOND
 
 
-def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettings) -> Defaults:
+def object_defaults(profile: Cia402Profile, axis: rig.RigAxis, settings: DriveSettings) -> Defaults:
     """Return the power-on values that follow from the bench.
 
     The ramps are the acceleration of the inertia alone with half of rated torque. The profile velocity is the speed
@@ -188,7 +180,7 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
     counts = axis.encoder_counts_per_revolution
     acceleration = 0.5 * rated / inertia
     unit = settings.velocity_unit or _own_velocity_unit(profile)
-    steps = steps_of_position(profile.position.actual.unit if profile.position is not None else COUNTS, axis)
+    steps = steps_of_position(profile.position.actual.unit if profile.position is not None else rig.COUNTS, axis)
     return Defaults(
         rated_torque=rated,
         serial=settings.serial,
@@ -199,17 +191,17 @@ def object_defaults(profile: Cia402Profile, axis: RigAxis, settings: DriveSettin
         peak_current=_known(axis, "peak_current"),
         torque_constant=_known(axis, "torque_constant"),
         counts_per_revolution=counts,
-        velocity=_whole(_RAMP * acceleration / velocity_step(unit, counts)),
+        velocity=_whole(_RAMP * acceleration / rig.velocity_step(unit, counts)),
         acceleration=_whole(acceleration * steps / (2 * math.pi)),
-        lever=axis.mechanism.ratio if isinstance(axis.mechanism, LinearMechanism) else 0.0,
+        lever=axis.mechanism.ratio if isinstance(axis.mechanism, rig.LinearMechanism) else 0.0,
         full_scale=settings.full_scale or 0.0,
     )
 
 
-def steps_of_position(unit: str, axis: RigAxis) -> float:
+def steps_of_position(unit: str, axis: rig.RigAxis) -> float:
     """Return the number of position units in one revolution of the motor."""
-    straight = axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, LinearMechanism) else 0.0
-    return steps_per_revolution(unit, axis.encoder_counts_per_revolution, straight)
+    straight = axis.mechanism.metres_per_revolution if isinstance(axis.mechanism, rig.LinearMechanism) else 0.0
+    return rig.steps_per_revolution(unit, axis.encoder_counts_per_revolution, straight)
 
 
 def _whole(value: float) -> int:
@@ -217,6 +209,6 @@ def _whole(value: float) -> int:
     return max(1, min(0x7FFF_FFFF, round(value)))
 
 
-def _lag(profile: DriveProfile, axis: RigAxis) -> float:
+def _lag(profile: DriveProfile, axis: rig.RigAxis) -> float:
     """Return the time constant of the torque loop [s]."""
     return 1 / (2 * math.pi * (axis.simulation.torque_bandwidth or profile.timing.torque_bandwidth))

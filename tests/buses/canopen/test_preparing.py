@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject, PositionSection, WrittenObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.protocols.canopen.profile import (
     CanopenProfile,

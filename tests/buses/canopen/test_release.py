@@ -11,7 +11,7 @@ from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.buses.canopen.node import request
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import can_traffic, plan_of, scene_of

@@ -12,7 +12,7 @@ from haptic_fieldbus.buses.canopen.wire import Wire
 from haptic_fieldbus.buses.scan_result import Scan
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject
-from haptic_fieldbus.drive.objects import DataType, Identity
+from haptic_fieldbus.drive.profile import DataType, Identity
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DriveFaultError, PlanError
 from haptic_fieldbus.protocols.canopen.profile import LinkLossSection
 from haptic_fieldbus.scenes.wall import Wall

@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from haptic_fieldbus.buses.modbus.unit import from_words, to_words
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.protocols.modbus.profile import Register, WordOrder
 
 CODES = {DataType.INT16: "h", DataType.UINT16: "H", DataType.INT32: "i", DataType.UINT32: "I"}

@@ -10,7 +10,7 @@ from haptic_fieldbus.buses.modbus.requester import MOST_LATE, Requester
 from haptic_fieldbus.buses.modbus.transport import MOST_RECEPTIONS, gathered
 from haptic_fieldbus.buses.modbus.unit import ANSWER_TIMEOUT, UnitClient
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.errors import BusTimeoutError
 from haptic_fieldbus.protocols.modbus.profile import LineSection, Register
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.eds import EdsType
 from haptic_fieldbus.protocols.canopen.eds_check import left_out, named_objects, shown_findings
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, profile_from_eds

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject, OptionCode
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.errors import EdsError
 from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded
 from haptic_fieldbus.protocols.canopen.profile import NO_SUCH, CanopenProfile

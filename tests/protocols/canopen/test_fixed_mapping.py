@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType, ObjectEntry
+from haptic_fieldbus.drive.profile import DataType, ObjectEntry
 from haptic_fieldbus.errors import BusConfigurationError, ImageTooLargeError, ProfileError
 from haptic_fieldbus.protocols.canopen.eds_check import compare
 from haptic_fieldbus.protocols.canopen.fitting import fitted, uploaded

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, VelocitySection, WrittenObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.eds import DeviceInfo, Eds, EdsEntry, EdsType, eds_text
 from haptic_fieldbus.errors import EdsError
 from haptic_fieldbus.protocols.canopen.eds_values import data_type

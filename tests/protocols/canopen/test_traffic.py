@@ -9,7 +9,7 @@ import pytest
 
 from haptic_fieldbus.api import plan
 from haptic_fieldbus.drive.cia402 import WrittenObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import RigAxis
 from haptic_fieldbus.errors import BusOverloadError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, SetupSection

@@ -10,8 +10,7 @@ from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.protocols.canopen.bus import CanSection, StandInCanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
-from haptic_fieldbus.protocols.modbus.bus import ModbusSection, StandInModbusSection, modbus_section, parse_bus
-from haptic_fieldbus.protocols.modbus.layout import line_of
+from haptic_fieldbus.protocols.modbus.bus import ModbusSection, StandInModbusSection, line_of, modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from tests.protocols.modbus.lines import GENERIC, with_line
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType, Order
+from haptic_fieldbus.drive.profile import DataType, Order
 from haptic_fieldbus.errors import ImageTooLargeError
 from haptic_fieldbus.protocols.modbus.profile import ModbusMotion, ModbusProfile, Register
 from haptic_fieldbus.protocols.modbus.register_traffic import blocks

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import Rig, default_axis
 from haptic_fieldbus.errors import BusOverloadError, PlanError
 from haptic_fieldbus.planning.compile import compile_plan

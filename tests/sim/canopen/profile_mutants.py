@@ -12,7 +12,7 @@ import can
 
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import COUNTS, RATED_TORQUE_UNITS, TENTH_DEGREE
 from haptic_fieldbus.eds import Eds
 from haptic_fieldbus.errors import HapticFieldbusError

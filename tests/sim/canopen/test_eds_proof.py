@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from haptic_fieldbus.drive.cia402 import IdentitySection, MappedObject, OptionCode, WrittenObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.eds import Eds, EdsType
 from haptic_fieldbus.protocols.canopen.eds_check import Comparison
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim.drive.dictionary import Dictionary, Entry
 from haptic_fieldbus.sim.drive.units import Units, fit
 

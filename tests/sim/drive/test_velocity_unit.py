@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from haptic_fieldbus.drive.cia402 import MappedObject, VelocitySection
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.eds import EdsType
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.protocols.modbus.profile import LineSection, Register
 from haptic_fieldbus.sim.drive.dictionary import Access, Entry
 from haptic_fieldbus.sim.modbus.registers import Refusal, Registers

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from enum import Enum, auto
 from functools import partial
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.services.basics import Alarms, Handler
 from haptic_fieldbus.sim.drive.dictionary import AbortCode, Access, AccessRefused, Dictionary, Entry, Mappable, one_of

@@ -9,7 +9,7 @@ parameter changes: an RPDO gets only the receiver that its parameters need.
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim import NEVER_NS
 from haptic_fieldbus.sim.canopen.link import Frame
 from haptic_fieldbus.sim.canopen.services.basics import ID, Alarm, Alarms, Handler, is_restricted

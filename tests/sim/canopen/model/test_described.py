@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import SimulatedObject, SimulationSection
 from haptic_fieldbus.sim.canopen.link import Frame

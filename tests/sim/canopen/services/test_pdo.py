@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim.canopen.services.basics import INVALID
 from haptic_fieldbus.sim.canopen.services.pdo import PdoDefaults, Rpdo, Tpdo
 from haptic_fieldbus.sim.drive.dictionary import Access, AccessRefused, Dictionary, Entry, Mappable

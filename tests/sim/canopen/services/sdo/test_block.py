@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim.canopen.services.communication import add_user_data_memory
 from haptic_fieldbus.sim.canopen.services.sdo import SdoServer, crc
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from haptic_fieldbus.drive.objects import DataType
+from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.sim.canopen.services.sdo import SdoServer
 from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry
 
