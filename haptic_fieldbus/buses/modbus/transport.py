@@ -87,6 +87,8 @@ MOST_RECEPTIONS = 64
 """Largest number of receptions of what waits: a peer may go on sending."""
 LARGEST = 260
 """Octets that are taken at once: the longest answer. More would be room that is given back each time."""
+NUMERIC = socket.NI_NUMERICHOST | socket.NI_NUMERICSERV
+"""Asks for a host and a port by numbers; a link-local address of IPv6 keeps its interface."""
 
 
 def gathered(receive: Callable[[], bytes]) -> bytes:
@@ -101,7 +103,7 @@ class TcpTransport:
 
     def __init__(self, name: str, address: tuple[str, int], clock: Clock) -> None:
         self.name = name
-        self._address = address
+        self._address: tuple[str, int | str] = address
         """Host and port; by numbers since the first connection, as to look up a name again may take seconds."""
         self._now_ns = clock.now_ns
         self._open(CONNECTING)
@@ -109,9 +111,9 @@ class TcpTransport:
     def _open(self, seconds: float) -> None:
         try:
             self._socket = socket.create_connection(self._address, seconds)
+            self._address = socket.getnameinfo(self._socket.getpeername(), NUMERIC)
         except (OSError, UnicodeError) as error:
             raise translate(error, f"cannot connect to {self.name}") from error
-        self._address = self._socket.getpeername()[:2]
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setblocking(False)
         self._poll = select.poll() if hasattr(select, "poll") else None  # Windows has none

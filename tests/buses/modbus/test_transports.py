@@ -190,6 +190,28 @@ def test_tcp_looks_up_the_name_of_a_drive_once(monkeypatch: pytest.MonkeyPatch) 
             ours.reopen()
 
 
+def local_host() -> str:
+    """Return a link-local address of this computer with its interface; the loopback where it has none."""
+    lines = [line.split() for line in Path("/proc/net/if_inet6").read_text().splitlines()]
+    found = [f"{ip_address(int(line[0], 16))}%{line[5]}" for line in lines if line[0].startswith("fe80")]
+    return found[0] if found else "::1"
+
+
+def test_tcp_finds_a_drive_on_a_link_local_address_again() -> None:
+    """Such an address means nothing without the interface that the connection goes through."""
+    *_, address = socket.getaddrinfo(local_host(), 0, type=socket.SOCK_STREAM)[0]
+    with socket.socket(socket.AF_INET6, socket.SOCK_STREAM) as listener:
+        listener.bind(address)
+        listener.listen()
+        ours = TcpTransport("modbus-tcp:drive", (local_host(), listener.getsockname()[1]), CLOCK)
+        listener.accept()[0].close()
+        ours.reopen()
+        ours.send(b"x")
+        with listener.accept()[0] as peer:
+            assert peer.recv(1) == b"x"
+        ours.close()
+
+
 def test_a_peer_that_takes_nothing_is_told_and_octets_do_not_wait() -> None:
     for ends in tcp_ends():
         for _ in range(2):
