@@ -494,21 +494,21 @@ GUARDS = {
         (f"{BUSES}/test_setup.py::test_a_wrong_drive_is_refused_before_anything_is_written",),
     ),
     "torque-free set-points at the end": _bus(
-        "release",
+        "master",
         "        self._send_set_points()\n        self._step(now_ns)",
         "        self._step(now_ns)",
         "test_release",
         "test_set_points_and_downloads_to_all_drives_go_out_before_anything_is_waited_for",
     ),
     "controlword 0 by SDO at the end": _bus(
-        "release",
+        "master",
         "ASK if self._sent == DISABLE else DISABLE",
         "ASK",
         "test_release",
         "test_a_drive_whose_set_points_do_not_act_is_freed_within_milliseconds_at_any_rate",
     ),
     "no failure keeps an axis from being freed": _bus(
-        "release",
+        "master",
         "except Exception as error:",
         "except MemoryError as error:",
         "test_release",
@@ -707,7 +707,7 @@ GUARDS = {
         ("tests/planning/test_guards.py::test_a_measured_time_counts_where_a_proof_at_this_rate_would_have_passed",),
     ),
     "a measured time that no proof accepts": Guard(
-        "haptic_fieldbus/protocols/catalogue.py",
+        "haptic_fieldbus/drive/plausible.py",
         "not low <= measured <= high",
         "False",
         (
@@ -716,7 +716,7 @@ GUARDS = {
         ),
     ),
     "a measured value that lies outside of its interval": Guard(
-        "haptic_fieldbus/protocols/catalogue.py",
+        "haptic_fieldbus/drive/plausible.py",
         "_is_number(low) and _is_number(high) and low <= value <= high",
         "True",
         (f"{BENCH}test_a_table_that_no_measurement_writes_is_a_fault_of_the_file",),

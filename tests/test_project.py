@@ -343,7 +343,7 @@ def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind
     sim = "haptic_fieldbus.sim"
     pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
     with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "site", "world")}
-    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("hosting", "line", "station")}
+    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("hosting", "station")}
     rooms = modules_in("sim") - {f"{sim}.canopen", f"{sim}.modbus", f"{sim}.simulation"}
     everything = rooms | modules_in("sim/canopen") | modules_in("sim/modbus")
     assert everything == pure | with_a_bus, "list the module in the import contract"
@@ -363,6 +363,18 @@ def test_a_class_name_occurs_once_but_for_what_stands_on_both_sides_of_the_wire(
     twice = {name for name, found in places.items() if len(found) > 1}
     assert twice == ON_BOTH_SIDES
     assert all(sorted(places[name]) == [False, True] for name in twice), "one of them in the simulation"
+
+
+@reads_the_source
+def test_a_module_defines_each_name_once() -> None:
+    """A second definition takes the place of the first one, also in the code above it."""
+    for path in modules():
+        body = tree_of(path).body
+        names = [each.name for each in body if isinstance(each, ast.FunctionDef | ast.ClassDef)]
+        targets = [target for each in body if isinstance(each, ast.Assign) for target in each.targets]
+        targets += [each.target for each in body if isinstance(each, ast.AnnAssign)]
+        names += [part.id for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
+        assert len(names) == len({*names}), f"{path}: {sorted({name for name in names if names.count(name) > 1})}"
 
 
 def modules_in(folder: str) -> set[str]:

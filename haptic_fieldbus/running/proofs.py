@@ -309,7 +309,7 @@ def _instead(plan: Plan, name: str) -> str:
 ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
 """Required motion [m or rad]; too large for an accidental one."""
 FEWEST_COUNTS = 3
-PATIENCE = 60.0
+PERSON_TIMEOUT = 60.0
 """Longest time to wait for a person [s]."""
 SHOWN_EVERY = 0.1
 """Time between two lines about the position [s]."""
@@ -357,8 +357,8 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instru
             break
     else:
         raise UsageError(
-            f"not enabled: the handle of axis {axis.name} did not move within {PATIENCE:g} s. Move it to the positive "
-            "side when asked, or start with --yes, which leaves the direction unconfirmed"
+            f"not enabled: the handle of axis {axis.name} did not move within {PERSON_TIMEOUT:g} s. Move it to the "
+            "positive side when asked, or start with --yes, which leaves the direction unconfirmed"
         )
     if way < 0.0:
         message = (
@@ -393,7 +393,7 @@ class _WayExchange:
         place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(signal)
         first: int | None = None
         way = 0.0
-        for _ in range(round(PATIENCE * self._plan.rate)):
+        for _ in range(round(PERSON_TIMEOUT * self._plan.rate)):
             reading = self._read(axis, image, place)
             if reading is not None and axis.integrates:
                 way += reading * axis.velocity_unit * self._plan.period

@@ -71,7 +71,7 @@ def _of_ten(random: Random, least: float, most: float, digits: int = 5) -> float
 _KEYS: Mapping[str, Callable[[Random], Any]] = {
     "delay": lambda random: _of_ten(random, -4.0, -1.3), "frames": _frames, "count": _count, "duration": _duration,
 }  # fmt: skip
-"""What a kind without a recipe of its own draws for its keys, in this order."""
+"""Recipes of single keys, in the order of drawing; for kinds without a recipe of their own."""
 
 _OWN: Mapping[type[faults.TimedFault], Recipe] = {
     faults.FrameWrongLength: lambda random: (random.randrange(9), _frames(random), _count(random)),

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import MappedObject
 from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.drive.rig import default_axis
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.drive import settings as settings_module
 from haptic_fieldbus.sim.drive.core import LONGEST_NS
 from haptic_fieldbus.sim.drive.settings import DriveSettings, known_mechanics
 from haptic_fieldbus.sim.hand import HANDS
@@ -283,7 +283,7 @@ class TestObjects:
 
     def test_a_shipped_bench_must_know_its_values(self, monkeypatch: pytest.MonkeyPatch) -> None:
         unknown = axis(inertia=None)
-        monkeypatch.setattr(settings_module, "default_axis", lambda *_, **__: unknown)
+        monkeypatch.setattr(rig, "default_axis", lambda *_, **__: unknown)
         with pytest.raises(ValueError, match="unknown values"):
             known_mechanics(unknown)
 
