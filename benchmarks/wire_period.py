@@ -422,7 +422,7 @@ def figures(kind: str, name: str, by_hand: float, canopen: float) -> Iterator[Fi
     yield Figure(f"six axes on {name}", "one axis", 4.0, partial(pair, kind, MASTER_OF_SIX, MASTER))
 
 
-FIGURES = (*figures("socketcan", "SocketCAN", 1.3, 1 / 3), *figures("udp_multicast", "UDP multicast", 1.3, 1 / 3))
+FIGURES = (*figures("socketcan", "SocketCAN", 1.3, 0.35), *figures("udp_multicast", "UDP multicast", 1.3, 1 / 3))
 
 
 # The periods missed at each rate, in real time, beside those of a bare timer: what it misses too is the computer's.
