@@ -624,7 +624,7 @@ GUARDS = {
         ("tests/running/test_direction.py::test_a_handle_that_goes_down_is_refused_with_the_key_to_change",),
     ),
     "a state that nobody knows": Guard(
-        "haptic_fieldbus/drive/power.py",
+        "haptic_fieldbus/drive/profile.py",
         "    PowerState.UNKNOWN,\n)",
         ")",
         ("tests/buses/canopen/test_release.py::test_a_drive_in_a_state_that_nobody_knows_is_not_off",),

@@ -22,7 +22,7 @@ from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.arguments import KINDS, asked_of
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.drive.rig import LinearMechanism, Rig
 from haptic_fieldbus.errors import UnstableSceneError, UsageError, wrong_kind
 from haptic_fieldbus.numerics.linear import StateSpace, gain

@@ -16,7 +16,7 @@ import numpy as np
 from haptic_fieldbus.api.arguments import check_values
 from haptic_fieldbus.api.identification import told_by
 from haptic_fieldbus.api.provenance import repeated
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Mechanics, Rig, RigAxis, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.errors import UsageError

@@ -9,8 +9,7 @@ from haptic_fieldbus.buses.bus import StepwiseBus
 from haptic_fieldbus.buses.release import FAULTS
 from haptic_fieldbus.buses.scan_result import Check, DriveReading, Scan
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import PowerTable
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutError, DocumentError, UsageError
 from haptic_fieldbus.protocols.catalogue import known_names, load_profile

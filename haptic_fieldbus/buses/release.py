@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from haptic_fieldbus.buses.bus import DriveFacts, InSteps
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.errors import BusConfigurationError, DriveFaultError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.plan import Plan

@@ -18,7 +18,7 @@ from haptic_fieldbus.cycle.gaps import Gaps, LawPlace
 from haptic_fieldbus.cycle.plausibility import bind_asked_echo, bind_other_masters, sign_watch, torque_echo
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Permission, Trip, TripKind, TripOff, bind_hold, bind_limiter
 from haptic_fieldbus.cycle.sign import Sign, SignOwner
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import STILL, encoder_probe
 from haptic_fieldbus.planning.image import AGE_NS, EMERGENCY, FLAGS, STATUSWORD, T_NS, AxisImage

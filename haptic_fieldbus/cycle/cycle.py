@@ -16,7 +16,7 @@ from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
 from haptic_fieldbus.cycle.laws import Noted, Over, PairField, blended_pair, has_no_rest, in_order
 from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.energy import judged_groups, ledger_elements
 from haptic_fieldbus.planning.image import AGE_NS, AXIS_HEADER_FIELDS, T_NS

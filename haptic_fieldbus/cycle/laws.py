@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.image import T_NS
 from haptic_fieldbus.scenes.element import (

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from haptic_fieldbus.defaults import DEFAULT_ESTIMATOR, DEFAULT_METHOD
-from haptic_fieldbus.drive.power import PowerTable
-from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal
+from haptic_fieldbus.drive.profile import DriveProfile, MappedSignal, PowerTable
 from haptic_fieldbus.drive.rig import Rig, RigAxis, default_axis, velocity_step
 from haptic_fieldbus.errors import Fault, PlanError, RigError, SceneError, SignalUnavailableError
 from haptic_fieldbus.margins import Basis, Plant, Stability

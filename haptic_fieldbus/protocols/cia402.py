@@ -5,7 +5,7 @@ Reference: IEC 61800-7-201 (CiA 402-2), table of statusword states and of contro
 
 from dataclasses import replace
 
-from haptic_fieldbus.drive.power import PowerRow, PowerState, PowerTable
+from haptic_fieldbus.drive.profile import PowerRow, PowerState, PowerTable
 
 DISABLE_VOLTAGE = 0x0000
 SHUTDOWN = 0x0006

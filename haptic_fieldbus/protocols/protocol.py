@@ -9,8 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 from haptic_fieldbus.defaults import DEFAULT_DRIVE, DEFAULT_RATE, SIMULATION
 from haptic_fieldbus.documents import Document, KeyPath
-from haptic_fieldbus.drive.power import PowerTable
-from haptic_fieldbus.drive.profile import DataType, DriveProfile
+from haptic_fieldbus.drive.profile import DataType, DriveProfile, PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import Fault, ProfileError
 from haptic_fieldbus.protocols.traffic import AxisTraffic, BusTraffic

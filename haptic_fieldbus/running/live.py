@@ -40,7 +40,7 @@ from typing import TYPE_CHECKING, Any
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.trips import trip_error
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit

@@ -19,7 +19,7 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import LINK_TRIPS
 from haptic_fieldbus.cycle.trips import TRIP_ERRORS, explained, failed_in, moment, trip_error
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.errors import BusError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan

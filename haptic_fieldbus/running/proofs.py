@@ -22,8 +22,7 @@ from haptic_fieldbus.assessing.result import Proof
 from haptic_fieldbus.buses.bus import Bus, DriveFacts
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents.edits import Value, table_text, write_table
-from haptic_fieldbus.drive.power import ENERGISED, PowerState
-from haptic_fieldbus.drive.profile import Identity
+from haptic_fieldbus.drive.profile import ENERGISED, Identity, PowerState
 from haptic_fieldbus.drive.rig import Proved
 from haptic_fieldbus.errors import BusError, DriveFaultError, Fault, RigError, UnprovedGuardError, UsageError
 from haptic_fieldbus.numerals import exactly, in_unit, rounded

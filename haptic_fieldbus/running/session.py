@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Proof, Result, Right, known_before
-from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, notices
+from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, Run, notices
 from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns

@@ -11,8 +11,7 @@ from dataclasses import asdict, dataclass
 from haptic_fieldbus.buses.access import Observer
 from haptic_fieldbus.buses.scan_result import DriveReading
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import PowerState, PowerTable
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, PowerState, PowerTable
 from haptic_fieldbus.drive.rig import RigAxis, metres_per_revolution, steps_per_revolution, torque_step, velocity_step
 from haptic_fieldbus.protocols.traffic import Json
 from haptic_fieldbus.signals import Signal

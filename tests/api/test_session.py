@@ -28,7 +28,7 @@ from haptic_fieldbus import (
     session,
 )
 from haptic_fieldbus.api.session import EFFORT
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.running.rights import WorkAside
 from tests.running.guard_bench import drives_behind, rig_text
 

@@ -6,8 +6,8 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
-from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.assessing.summary import AxisAssessment, Run
 from haptic_fieldbus.assessing.torque_error import ErrorFigures
 from haptic_fieldbus.report.drawing import save
 from haptic_fieldbus.report.plot import draw_run

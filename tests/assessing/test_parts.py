@@ -7,8 +7,8 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import axis_assessment, summary
-from haptic_fieldbus.assessing.axis_assessment import AxisAssessment, Run
 from haptic_fieldbus.assessing.result import Result
+from haptic_fieldbus.assessing.summary import AxisAssessment, Run
 from haptic_fieldbus.assessing.torque_error import ErrorFigures
 from haptic_fieldbus.report.plot import first_force
 from tests.builders import endless_rig

@@ -9,10 +9,9 @@ import pytest
 
 from haptic_fieldbus.api import run
 from haptic_fieldbus.assessing import summary
-from haptic_fieldbus.assessing.axis_assessment import Run
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.result import Result, known_before
-from haptic_fieldbus.assessing.summary import Assessment
+from haptic_fieldbus.assessing.summary import Assessment, Run
 from haptic_fieldbus.assessing.travel import Reach, Travel
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import SafetyTripError

@@ -100,7 +100,7 @@ CARRIERS = {
     "planning/selection.py": {"Selection"},
     "api/__init__.py": {"Trial"},
     "running/session.py": {"Session", "Site"},
-    "assessing/axis_assessment.py": {"Run"},
+    "assessing/summary.py": {"Run"},
     "assessing/summary.py": {"Assessment"},
 }
 """Names under which a run is handed on between its command and the loop, by the file that has it."""

@@ -11,7 +11,7 @@ from haptic_fieldbus.cycle.axis import COMPUTED
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.cycle.trips import trip_error
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.drive.rig import Limits, LinearMechanism
 from haptic_fieldbus.numerics.linear import StateSpace, gain
 from haptic_fieldbus.planning.plan import Plan

@@ -2,7 +2,7 @@
 
 import pytest
 
-from haptic_fieldbus.drive.power import PowerRow, PowerState
+from haptic_fieldbus.drive.profile import PowerRow, PowerState
 from haptic_fieldbus.protocols.cia402 import CIA402
 
 # CiA 402-2, table "state coding": bit 6, 5, 3, 2, 1, 0; x does not matter.

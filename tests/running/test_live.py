@@ -22,7 +22,7 @@ import pytest
 
 from haptic_fieldbus import repeat, run
 from haptic_fieldbus.assessing.result import Result
-from haptic_fieldbus.drive.power import PowerState
+from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals, ended_by_signals

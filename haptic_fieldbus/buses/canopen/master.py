@@ -52,8 +52,7 @@ from haptic_fieldbus.buses.release import (
 )
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import ENERGISED
-from haptic_fieldbus.drive.profile import ObjectEntry
+from haptic_fieldbus.drive.profile import ENERGISED, ObjectEntry
 from haptic_fieldbus.drive.rig import SHARES_OF_RATED
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.planning.axis_plan import AxisPlan

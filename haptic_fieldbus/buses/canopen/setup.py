@@ -17,8 +17,7 @@ from haptic_fieldbus.buses.canopen.node import READ_ONLY, NmtState, Node
 from haptic_fieldbus.buses.release import FAULTS, poll, standing_fault
 from haptic_fieldbus.buses.torque_limits import TorqueLimits, check_rating, checked_rated_torque
 from haptic_fieldbus.drive.cia402 import OptionCode
-from haptic_fieldbus.drive.power import ENERGISED
-from haptic_fieldbus.drive.profile import STANDARD, DataType, Identity, ObjectEntry, known_number
+from haptic_fieldbus.drive.profile import ENERGISED, STANDARD, DataType, Identity, ObjectEntry, known_number
 from haptic_fieldbus.drive.rig import COUNTS
 from haptic_fieldbus.errors import BusConfigurationError, BusTimeoutError
 from haptic_fieldbus.numerals import exactly, percent, rounded

@@ -14,7 +14,7 @@ from haptic_fieldbus.buses.modbus.framing import REFUSED, Answer, FrameForm, Que
 from haptic_fieldbus.buses.modbus.link import Reading, TargetReading, UnitLink
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.unit import UnitClient
-from haptic_fieldbus.drive.power import ENERGISED, PowerState, PowerTable
+from haptic_fieldbus.drive.profile import ENERGISED, PowerState, PowerTable
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.image import HEADER

@@ -43,7 +43,7 @@ from haptic_fieldbus.buses.modbus.transport import DELAYED_ACK, Transport
 from haptic_fieldbus.buses.modbus.unit import DriveWatch, UnitClient, from_words
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
-from haptic_fieldbus.drive.power import ENERGISED, PowerTable
+from haptic_fieldbus.drive.profile import ENERGISED, PowerTable
 from haptic_fieldbus.errors import BusError, DriveFaultError
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.planning.axis_plan import AxisPlan

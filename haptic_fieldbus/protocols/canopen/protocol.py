@@ -4,8 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from haptic_fieldbus.documents import Document
-from haptic_fieldbus.drive.power import PowerTable
-from haptic_fieldbus.drive.profile import DriveProfile
+from haptic_fieldbus.drive.profile import DriveProfile, PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis
 from haptic_fieldbus.errors import PlanError
 from haptic_fieldbus.protocols.canopen import bus, profile

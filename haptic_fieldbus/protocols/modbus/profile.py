@@ -16,8 +16,7 @@ from haptic_fieldbus.documents import Document, KeyPath
 from haptic_fieldbus.drive import rig
 from haptic_fieldbus.drive.cia402 import Index
 from haptic_fieldbus.drive.fields import NonNegativeTime, Table, Torque, UInt32
-from haptic_fieldbus.drive.power import PowerRow
-from haptic_fieldbus.drive.profile import NAMES, DataType, DriveProfile, MappedSignal, Order
+from haptic_fieldbus.drive.profile import NAMES, DataType, DriveProfile, MappedSignal, Order, PowerRow
 from haptic_fieldbus.drive.rig import FULL_SCALE, METRES, is_current
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols import protocol

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from haptic_fieldbus.drive import cia402
-from haptic_fieldbus.drive.power import PowerRow, PowerState
-from haptic_fieldbus.drive.profile import DataType
+from haptic_fieldbus.drive.profile import DataType, PowerRow, PowerState
 from haptic_fieldbus.drive.rig import COUNTS, RigAxis
 from haptic_fieldbus.protocols.modbus.profile import (
     ModbusProfile,

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from haptic_fieldbus.buses.canopen.access import BusObserver
-from haptic_fieldbus.drive.power import PowerState
-from haptic_fieldbus.drive.profile import DataType
+from haptic_fieldbus.drive.profile import DataType, PowerState
 from haptic_fieldbus.protocols.canopen.profile import canopen_profile
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.protocols.cia402 import CIA402

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from haptic_fieldbus.drive.power import PowerRow, PowerState
-from haptic_fieldbus.drive.profile import DataType, Identity
+from haptic_fieldbus.drive.profile import DataType, Identity, PowerRow, PowerState
 from haptic_fieldbus.drive.rig import Limits
 from haptic_fieldbus.errors import (
     BusConfigurationError,

@@ -15,8 +15,7 @@ from haptic_fieldbus.buses.bus import DriveFacts, InSteps, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents import Document
 from haptic_fieldbus.drive.fields import STRICT
-from haptic_fieldbus.drive.power import PowerTable
-from haptic_fieldbus.drive.profile import DataType, DriveProfile, MappedSignal, Order
+from haptic_fieldbus.drive.profile import DataType, DriveProfile, MappedSignal, Order, PowerTable
 from haptic_fieldbus.drive.rig import BusSection, RigAxis, steps_per_revolution
 from haptic_fieldbus.errors import BusError, BusOverloadError, UsageError
 from haptic_fieldbus.planning.image import AXIS_HEADER, HEADER

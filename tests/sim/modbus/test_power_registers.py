@@ -2,8 +2,7 @@
 
 from dataclasses import replace
 
-from haptic_fieldbus.drive.power import PowerRow, PowerState
-from haptic_fieldbus.drive.profile import DataType
+from haptic_fieldbus.drive.profile import DataType, PowerRow, PowerState
 from haptic_fieldbus.protocols.modbus.profile import PowerSection, Register
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.modbus.registers import Refusal
