@@ -110,7 +110,7 @@ DOES_WITHOUT = {
         "api": "sim.faults.drawing running.leading sim.mechanics.pointer",
         "api.session": "running.rights",
         "api.site": "sim.faults.drawing",
-        "assessing.axis_assessment": "assessing.coupling_error",
+        "assessing.summary": "assessing.coupling_error",
         "assessing.element_forces": "assessing.virtual_states",
         "running.session": "assessing.looking_back running.proofs running.rights",
         "sim.drive.settings": "sim.mechanics.loaded_plant",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.api import run
-from haptic_fieldbus.assessing import axis_assessment, summary
+from haptic_fieldbus.assessing import summary
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.assessing.summary import AxisAssessment, Run
 from haptic_fieldbus.assessing.torque_error import ErrorFigures
@@ -67,8 +67,8 @@ def test_parts_add_up_to_the_whole(task: dict[str, Any], monkeypatch: pytest.Mon
 @pytest.mark.thorough("renders a run of 3 s twice")
 def test_the_traces_of_a_long_run_lose_no_spike_and_keep_the_first_contact(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, thinned = run("wall", endless_rig("wall"), duration=3.0, hand="tap").traces[0], None
-    monkeypatch.setattr(axis_assessment, "WHOLE", 1000)
-    monkeypatch.setattr(axis_assessment, "BINS", 50)
+    monkeypatch.setattr(summary, "WHOLE", 1000)
+    monkeypatch.setattr(summary, "BINS", 50)
     thinned = run("wall", endless_rig("wall"), duration=3.0, hand="tap").traces[0]
     assert whole.ideal is not None
     assert thinned.ideal is not None

@@ -100,8 +100,7 @@ CARRIERS = {
     "planning/selection.py": {"Selection"},
     "api/__init__.py": {"Trial"},
     "running/session.py": {"Session", "Site"},
-    "assessing/summary.py": {"Run"},
-    "assessing/summary.py": {"Assessment"},
+    "assessing/summary.py": {"Run", "Assessment"},
 }
 """Names under which a run is handed on between its command and the loop, by the file that has it."""
 OTHERS = {"Choice", "ExchangeLimit", "Traces", "Part", "AxisAssessment", "RunOptions", "Caller", "DemoOptions"}

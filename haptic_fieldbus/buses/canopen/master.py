@@ -23,6 +23,7 @@ from struct import pack_into
 
 import can
 
+from haptic_fieldbus.buses import release
 from haptic_fieldbus.buses.bus import offsets_of, traffic_of
 from haptic_fieldbus.buses.canopen.frames import FrameLog
 from haptic_fieldbus.buses.canopen.guard import Guard, ProofsOfLife
@@ -40,16 +41,6 @@ from haptic_fieldbus.buses.canopen.node import (
 from haptic_fieldbus.buses.canopen.other_master import ForeignLoad, ForeignMaster, OneMaster, listen
 from haptic_fieldbus.buses.canopen.setup import CONTROLWORD, ERROR_CODE, STATUSWORD, TORQUE_LIMITS, NodeSetup
 from haptic_fieldbus.buses.canopen.wire import MOST_WAITING, CanPort, Received, Wire
-from haptic_fieldbus.buses.release import (
-    FAULT_RESET,
-    FAULTS,
-    NO_CODE,
-    BusRelease,
-    DriveRelease,
-    ReleasedBus,
-    check_cleared,
-    other_fault,
-)
 from haptic_fieldbus.buses.torque_limits import TorqueLimits
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.drive.profile import ENERGISED, ObjectEntry
@@ -102,7 +93,7 @@ DISABLE: Command = (CONTROLWORD, DISABLE_VOLTAGE)
 ASK: Command = (STATUSWORD, None)
 
 
-class NodeRelease(DriveRelease[Command]):
+class NodeRelease(release.DriveRelease[Command]):
     """One drive on its way to zero torque; a step sends at most one SDO request, and waits for nothing."""
 
     def __init__(self, setup: NodeSetup, wire: Wire, link: Link, image: bytearray, place: int) -> None:
@@ -161,7 +152,7 @@ class NodeRelease(DriveRelease[Command]):
         self.free = CIA402.state(statusword) not in ENERGISED
 
 
-class Release(BusRelease[NodeRelease]):
+class Release(release.BusRelease[NodeRelease]):
     """The release of all drives of one CAN bus."""
 
     hint = "; with its watchdog armed it may report an error"
@@ -331,16 +322,16 @@ def acknowledge(node: Node) -> None:
     try:
         code = node.read(ERROR_CODE)
     except BusConfigurationError:
-        code = node.emergency or NO_CODE
-    if code not in (LOST_MASTER, NO_CODE):
-        raise other_fault(node.label, f"{code:04X}h ({emergency_meaning(code)})")
-    for controlword in (DISABLE_VOLTAGE, FAULT_RESET, DISABLE_VOLTAGE):
+        code = node.emergency or release.NO_CODE
+    if code not in (LOST_MASTER, release.NO_CODE):
+        raise release.other_fault(node.label, f"{code:04X}h ({emergency_meaning(code)})")
+    for controlword in (DISABLE_VOLTAGE, release.FAULT_RESET, DISABLE_VOLTAGE):
         node.send(CONTROLWORD, controlword)
-    check_cleared(node, lambda: not _faulted(node), " (6040h = 80h)")
+    release.check_cleared(node, lambda: not _faulted(node), " (6040h = 80h)")
 
 
 def _faulted(node: Node) -> bool:
-    return CIA402.state(node.read(STATUSWORD)) in FAULTS
+    return CIA402.state(node.read(STATUSWORD)) in release.FAULTS
 
 
 SYNC_BITS = 48
@@ -349,7 +340,7 @@ REFUSED_WRITES = 3
 """Periods in a row with refused set-points that make an exception; a single one only holds the torque longer."""
 
 
-class CanopenBus(ReleasedBus[Release]):
+class CanopenBus(release.ReleasedBus[Release]):
     """A CANopen master on any python-can bus; with `owned`, `close` also shuts the python-can bus down.
 
     `port` is a way to the bus that is shorter than python-can's messages; None: there is none.
