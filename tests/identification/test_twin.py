@@ -147,6 +147,8 @@ def test_a_soak_is_judged_by_shares() -> None:
     bad = {"twins": {"benches": 60, "predicted": 53, "named": 170, "false": 4}}
     assert list(wrong_with_twins([good, {"broken": []}])) == []
     assert len(list(wrong_with_twins([bad]))) == 3
+    few = {"benches": 6, "named": 18, "false": 0}
+    assert [len(list(wrong_with_twins([{"twins": few | {"predicted": each}}]))) for each in (5, 4)] == [0, 1]
 
 
 @pytest.mark.parametrize("name", ["shake", "push", "tap", "sine"])

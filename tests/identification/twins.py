@@ -160,10 +160,10 @@ def hidden_twins(first: int, count: int) -> dict[str, object]:
 
 
 def wrong_with_twins(found: Iterable[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield what all twins of a soak together do not hold."""
+    """Yield what all twins of a soak together do not hold; of few benches a share is rounded down to whole ones."""
     parts = [each["twins"] for each in found if "twins" in each]
     sums = {key: sum(part[key] for part in parts) for key in ("benches", "predicted", "named", "false")}
-    if sums["predicted"] < PREDICTED * sums["benches"]:
+    if sums["predicted"] < int(PREDICTED * sums["benches"]):
         yield f"twins: {sums['predicted']} of {sums['benches']} predict a scene that was not recorded"
     if sums["named"] < NAMED * len(CHANGED) * sums["benches"]:
         yield f"twins: {sums['named']} of {len(CHANGED) * sums['benches']} planted changes are named"
