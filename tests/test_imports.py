@@ -152,6 +152,15 @@ def test_what_a_function_imports_is_not_there_where_it_is_not_needed(program: st
     assert needless & set(loaded) == set()
 
 
+def test_a_simulated_modbus_line_needs_no_server() -> None:
+    code = (
+        "import sys; import haptic_fieldbus; haptic_fieldbus.run('wall', bus='sim-modbus-tcp', duration=0.05);"
+        " print(*sys.modules)"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"pymodbus.server", "aiohttp", "haptic_fieldbus.sim.modbus.hosting"} & {*loaded}
+
+
 PUBLIC = {"", "clock", "errors", "numerics.linear", "scenes.element", "sim.faults"}
 """Names that docs/reference promises or documents beside the elements; "" is the package itself."""
 FENCED = {

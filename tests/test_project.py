@@ -343,7 +343,7 @@ def test_all_of_the_simulation_is_pure_but_what_opens_a_bus_and_the_world_behind
     sim = "haptic_fieldbus.sim"
     pure = {module for module in contract("pure half", "source_modules") if module.startswith(sim)}
     with_a_bus = {f"{sim}.canopen.{name}" for name in ("bus", "hosting", "site", "world")}
-    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("hosting", "station")}
+    with_a_bus |= {f"{sim}.modbus.{name}" for name in ("hosting", "line", "station")}
     rooms = modules_in("sim") - {f"{sim}.canopen", f"{sim}.modbus", f"{sim}.simulation"}
     everything = rooms | modules_in("sim/canopen") | modules_in("sim/modbus")
     assert everything == pure | with_a_bus, "list the module in the import contract"

@@ -31,7 +31,7 @@ ACCESS = {
 }
 SIMULATIONS = {
     "canopen": "haptic_fieldbus.sim.canopen.site:SIMULATION",
-    "modbus": "haptic_fieldbus.sim.modbus.hosting:SIMULATION",
+    "modbus": "haptic_fieldbus.sim.modbus.line:SIMULATION",
 }
 BUS_GROUP, SIMULATION_GROUP = "haptic_fieldbus.buses", "haptic_fieldbus.simulations"
 """Entry point groups in which a package adds the real and the simulated half of its protocol."""

@@ -18,7 +18,7 @@ from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.modbus.hosting import SIMULATION, SimulatedLine
+from haptic_fieldbus.sim.modbus.line import SIMULATION, SimulatedLine
 from haptic_fieldbus.sim.modbus.registers import Refusal
 from haptic_fieldbus.sim.modbus.unit import Unit
 from tests.builders import endless_rig

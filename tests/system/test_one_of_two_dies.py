@@ -24,7 +24,7 @@ from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.modbus.hosting import SimulatedLine
+from haptic_fieldbus.sim.modbus.line import SimulatedLine
 from haptic_fieldbus.sim.modbus.station import ServerRequest, exception_for
 from tests.builders import endless_rig
 from tests.invariants.attach import watched

@@ -7,7 +7,7 @@ import pytest
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.sim.faults import ConnectionReset
-from haptic_fieldbus.sim.modbus.hosting import SimulatedLine
+from haptic_fieldbus.sim.modbus.line import SimulatedLine
 from tests.sim.modbus.units import NUMBER, POSITION, STATUS, TARGET, virtual_line
 
 CHARACTER = 11 / 115200

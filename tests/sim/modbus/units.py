@@ -16,7 +16,7 @@ from haptic_fieldbus.sim.drive.power import State
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
 from haptic_fieldbus.sim.modbus.drives import SimulatedUnits
-from haptic_fieldbus.sim.modbus.hosting import SimulatedLine
+from haptic_fieldbus.sim.modbus.line import SimulatedLine
 from haptic_fieldbus.sim.modbus.registers import Refusal
 
 GENERIC = modbus_profile(load_profile("generic_cia402_modbus"))

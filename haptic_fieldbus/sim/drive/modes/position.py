@@ -16,19 +16,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from haptic_fieldbus.sim.drive.modes.mode import (
-    BIT_12,
-    FOLLOWING_ERROR,
-    FOLLOWS_COMMAND,
-    INTERNAL_LIMIT,
-    NEW_SET_POINT,
-    TARGET_REACHED,
-    ConditionTimer,
-    Mode,
-    RampMotion,
-    to_distance,
-    to_velocity,
-)
+from haptic_fieldbus.sim.drive.modes import mode
 from haptic_fieldbus.sim.drive.objects import NO_LIMIT, Objects
 from haptic_fieldbus.sim.drive.stage import Stage
 from haptic_fieldbus.sim.drive.units import HALF, WRAP, fit
@@ -48,7 +36,7 @@ class FollowingError:
         self._stage, self._failed = stage, failed
         self._demand, self._error = objects.row(0x6062), objects.row(0x60F4)
         self._window, self._time_out = objects.row(0x6065), objects.row(0x6066)
-        self._outside = ConditionTimer()
+        self._outside = mode.ConditionTimer()
         self._occurred = False
 
     def restart(self) -> None:
@@ -69,7 +57,7 @@ class FollowingError:
         if occurred and not self._occurred:
             self._failed(t_ns)
         self._occurred = occurred
-        return FOLLOWING_ERROR if occurred else 0
+        return mode.FOLLOWING_ERROR if occurred else 0
 
 
 def wrap(position: float) -> int:
@@ -82,7 +70,7 @@ def nearest_turn(target: float, position: float) -> float:
     return position + (target - position + HALF) % WRAP - HALF
 
 
-ACKNOWLEDGE = BIT_12
+ACKNOWLEDGE = mode.BIT_12
 _IMMEDIATELY, _RELATIVE = 0x0020, 0x0040
 
 
@@ -97,7 +85,7 @@ class SetPoint:
     deceleration: float
 
 
-class ProfilePosition(Mode):
+class ProfilePosition(mode.Mode):
     """Profile position mode."""
 
     halts = True
@@ -110,18 +98,18 @@ class ProfilePosition(Mode):
         self._speed, self._acceleration, self._deceleration = row(0x6081), row(0x6083), row(0x6084)
         self._window, self._window_time = row(0x6067), row(0x6068)
         self._following = FollowingError(stage, objects, failed)
-        self._reached = ConditionTimer()
+        self._reached = mode.ConditionTimer()
         self._active: SetPoint | None = None
         self._waiting: SetPoint | None = None
         self._edge = False
         self._target: float | None = None
-        self._begin(to_velocity(0.0, 0.0, 1.0, 1.0), 0.0, 0)
+        self._begin(mode.to_velocity(0.0, 0.0, 1.0, 1.0), 0.0, 0)
 
     def start(self, t_ns: int) -> None:
         """Come to rest; after a halt, execute the halted set-point from the present position."""
         stage, halted = self.stage, self._active
         velocity, ramp = stage.servo.plant.velocity, stage.ramp(self._deceleration)
-        self._begin(to_velocity(velocity, 0.0, ramp, ramp), stage.angle(), t_ns)
+        self._begin(mode.to_velocity(velocity, 0.0, ramp, ramp), stage.angle(), t_ns)
         self._following.restart()
         if halted is not None and self._target is not None:
             self._go(halted, self._target, t_ns)
@@ -136,7 +124,7 @@ class ProfilePosition(Mode):
     def act(self, t_ns: int) -> None:
         """Run the handshake of bits 4 and 12."""
         word = self._controlword.value
-        edge = bool(word & NEW_SET_POINT)
+        edge = bool(word & mode.NEW_SET_POINT)
         if edge and not self._edge:
             self._hand_over(word, t_ns)
         elif not edge and self._waiting is None:
@@ -170,16 +158,16 @@ class ProfilePosition(Mode):
         angle, velocity, _ = self._motion.at((t_ns - self._begin_ns) * 1e-9)
         angle += self._origin
         speed = self.stage.slow(point.speed)
-        motion = to_distance(velocity, goal - angle, speed, point.acceleration, point.deceleration)
+        motion = mode.to_distance(velocity, goal - angle, speed, point.acceleration, point.deceleration)
         self._begin(motion, angle, t_ns)
         self._limited = speed != point.speed
         self._active, self._target = point, goal
 
-    def _begin(self, motion: RampMotion, origin: float, t_ns: int) -> None:
+    def _begin(self, motion: mode.RampMotion, origin: float, t_ns: int) -> None:
         self._motion, self._origin, self._begin_ns = motion, origin, t_ns
         self._limited = False
         self._reached.restart()
-        self.status &= ~TARGET_REACHED
+        self.status &= ~mode.TARGET_REACHED
 
     def tick(self, t_ns: int) -> None:
         time = (t_ns - self._begin_ns) * 1e-9
@@ -194,7 +182,7 @@ class ProfilePosition(Mode):
         limited = stage.limited or self._limited
         self.status = (
             self.status & ACKNOWLEDGE | error
-            | (TARGET_REACHED if reached else 0) | (INTERNAL_LIMIT if limited else 0)
+            | (mode.TARGET_REACHED if reached else 0) | (mode.INTERNAL_LIMIT if limited else 0)
         )  # fmt: skip
         if reached:
             self._complete(t_ns)
@@ -209,7 +197,7 @@ class ProfilePosition(Mode):
                 self.status &= ~ACKNOWLEDGE
 
 
-class CyclicPosition(Mode):
+class CyclicPosition(mode.Mode):
     """Cyclic synchronous position mode."""
 
     def __init__(self, stage: Stage, objects: Objects, failed: Callable[[int], None]) -> None:
@@ -229,7 +217,7 @@ class CyclicPosition(Mode):
         # None: the target on entering is taken even when it is the one seen before.
         self._seen, self._begin_ns = None, t_ns
         self._following.restart()
-        self.status = FOLLOWS_COMMAND
+        self.status = mode.FOLLOWS_COMMAND
         self.act(t_ns)
 
     def act(self, t_ns: int) -> None:
@@ -253,4 +241,4 @@ class CyclicPosition(Mode):
         forward, offset = self._velocity_offset.value * stage.units.speed, self._torque_offset.value * stage.permille
         stage.position(angle, forward, 0.0, t_ns, offset)
         error = self._following.check(angle, t_ns)
-        self.status = FOLLOWS_COMMAND | error | (INTERNAL_LIMIT if stage.limited else 0)
+        self.status = mode.FOLLOWS_COMMAND | error | (mode.INTERNAL_LIMIT if stage.limited else 0)
