@@ -643,7 +643,7 @@ GUARDS = {
     ),
     "no fault but that of a lost master is cleared": _bus(
         "master",
-        "if code not in (LOST_MASTER, NO_CODE):",
+        "if code not in (LOST_MASTER, release.NO_CODE):",
         "if False:",
         "test_acknowledging",
         "test_another_fault_is_told_and_left_as_it_is",
