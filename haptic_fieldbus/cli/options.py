@@ -275,8 +275,8 @@ def options_of(
         for each in (each for each in fields(cast(Any, make)) if each.name in known):
             if each.type in (float, float | None):
                 known[each.name].parser = known[each.name].parser or number
-            elif each.type is bool:
-                known[each.name].param_decls = known[each.name].param_decls or (f"--{each.name.replace('_', '-')}",)
+            elif each.type is bool and known[each.name].default is ...:  # where typer keeps the first of given names
+                known[each.name].param_decls = (f"--{each.name.replace('_', '-')}",)
         options = [
             each.replace(annotation=Annotated[each.annotation, known[each.name]]) if each.name in known else each
             for each in inspect.signature(make).parameters.values()

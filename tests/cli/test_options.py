@@ -15,6 +15,7 @@ import haptic_fieldbus
 from haptic_fieldbus.api import Trial
 from haptic_fieldbus.api.open_loop import OpenLoop
 from haptic_fieldbus.api.stability_limits import Device
+from haptic_fieldbus.cli.app import application
 from haptic_fieldbus.cli.options import SHOWN, SceneOptions, frequency, number, seconds
 from haptic_fieldbus.cli.planning import ResponseOptions, StabilityOptions, plan, response, stability
 from haptic_fieldbus.cli.run import run
@@ -54,6 +55,23 @@ def test_shared_options_stand_first_and_in_one_order(command: object) -> None:
     names = list(inspect.signature(command).parameters)  # type: ignore[arg-type]
     first = [name for name in SHOWN if name in names]
     assert names[: len(first)] == first
+
+
+def switches() -> set[tuple[str, ...]]:
+    """Long names of each switch of each command."""
+    commands, found = [typer.main.get_command(application())], set[tuple[str, ...]]()
+    while commands:
+        command = commands.pop()
+        commands += getattr(command, "commands", {}).values()
+        options = [each for each in command.params if getattr(each, "is_flag", False)]
+        found |= {tuple(name for name in each.opts if name.startswith("--")) for each in options}
+    return found
+
+
+def test_a_switch_has_one_long_name() -> None:
+    found = switches()
+    assert ("--json",) in found
+    assert {names for names in found if len(names) > 1} == set()
 
 
 @every(
