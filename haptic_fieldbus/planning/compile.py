@@ -52,8 +52,14 @@ def ranges_of(profile: DriveProfile, delay: Delay, bench: KnownBench, *, complia
 
 KEPT = 64
 """Number of groups that are kept with their verdicts, for further plans of the same scene on the same bench."""
-_known = keeping(KEPT, Group)
-"""Return the equal group of an earlier plan, with its verdicts; otherwise a new one."""
+
+
+def _itself(group: Group) -> Group:
+    return group
+
+
+_known = keeping(KEPT, _itself)
+"""Return the equal group of an earlier plan, with its verdicts; otherwise this group."""
 
 
 def on_bus(draft: AxisPlan, traffic: BusTraffic, period: float) -> AxisPlan:
@@ -74,7 +80,7 @@ def with_verdicts(axes: Sequence[AxisPlan], period: float) -> tuple[AxisPlan, ..
     """
     found = {axis.name: axis for axis in axes}
     for each in grouped(axes, period):
-        for name, verdict in _known(each.members, each.couplings, each.period).stabilities().items():
+        for name, verdict in _known(each).stabilities().items():
             found[name] = replace(found[name], stability=verdict, group=each)
     return tuple(found.values())
 

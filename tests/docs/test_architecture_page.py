@@ -13,7 +13,6 @@ import pytest
 import haptic_fieldbus
 from haptic_fieldbus.api.site import BUS_GROUP, SIMULATION_GROUP
 from haptic_fieldbus.cli import main
-from haptic_fieldbus.margins.group import Group
 from haptic_fieldbus.planning import compile
 from haptic_fieldbus.protocols import catalogue
 from haptic_fieldbus.protocols.registry import GROUP
@@ -168,7 +167,7 @@ def climbs(calls: Calls) -> dict[tuple[str, str], tuple[Function, Function]]:
 def _first_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     """A page that an earlier test has read and judged is read and judged again, so that its calls are seen."""
     catalogue._shipped.cache_clear()
-    monkeypatch.setattr(compile, "_known", Group)
+    monkeypatch.setattr(compile, "_known", compile._itself)
 
 
 @pytest.mark.thorough("traces every call of a run")

@@ -215,3 +215,10 @@ def test_a_scene_without_a_stiffness_has_no_margin() -> None:
     assert judged["damper"] is not None
     assert margin_text(judged["wall"]) == f"{math.floor(judged['wall'].limit.value / 6.0) / 100:.2f}"
     assert margin_text(judged["damper"]) == ""
+
+
+@pytest.mark.parametrize("scene", ["wall", "virtual_shaft"])
+def test_the_verdict_and_the_texts_of_a_plan_share_one_group_so_that_a_limit_is_computed_once(scene: str) -> None:
+    for axis in plan(scene, rate=62.5).axes:  # at which no other test has made a plan
+        assert axis.stability is not None
+        assert axis.stability.find_limit.__self__ is axis.group  # type: ignore[union-attr]
