@@ -4,45 +4,36 @@ A simulated run is assessed part by part during the run, so an hour needs no mor
 this causes no delay. A run on real drives has no known error. It is assessed after its end.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD, Handover, Kind, Span, spans
+from haptic_fieldbus.assessing.element_forces import POINTS_PER_PERIOD, Handover, Kind, Span, first_periods, spans
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
+from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Array, Conversion, Recording, Times, TrueMotion, Truth, true_motion
-from haptic_fieldbus.assessing.result import Trace
-from haptic_fieldbus.assessing.run_verdict import FeltError
+from haptic_fieldbus.assessing.result import Result, TorqueError, Trace, known_before
+from haptic_fieldbus.assessing.run_verdict import FeltError, real_verdict, ripple, run_verdict
 from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorPoints, Splitter
+from haptic_fieldbus.assessing.travel import Travels
+from haptic_fieldbus.cycle.axis import AxisCycle
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.margins import Verdict
+from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
+from haptic_fieldbus.planning.encoder_probe import why_not_asked
+from haptic_fieldbus.planning.limits import START_SHARE
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.scenes.element import abilities
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
     from haptic_fieldbus.assessing.coupling_error import Tie
-import math
-from collections.abc import Iterator
-from dataclasses import replace
-
-from haptic_fieldbus.assessing.element_forces import first_periods
-from haptic_fieldbus.assessing.passivity import passivities
-from haptic_fieldbus.assessing.result import Result, TorqueError, known_before
-from haptic_fieldbus.assessing.run_verdict import real_verdict, ripple, run_verdict
-from haptic_fieldbus.assessing.travel import Travels
-from haptic_fieldbus.cycle.axis import AxisCycle
-from haptic_fieldbus.margins import Verdict
-from haptic_fieldbus.numerals import exactly, in_unit, percent
-from haptic_fieldbus.planning.encoder_probe import why_not_asked
-from haptic_fieldbus.planning.limits import START_SHARE
-from haptic_fieldbus.planning.refusal import above_limit
-
-# Assessment of one axis of a simulated run, part by part: force error and traces.
-
 
 # Traces of a run, gathered part by part; those of a long run are thinned as they come.
 #

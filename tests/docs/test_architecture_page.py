@@ -38,7 +38,7 @@ HANDED_IN = {
     ): "the site of a run is a context that the caller made; the run enters and leaves it",
     ("buses.canopen.wire", "sim.canopen.site"): "the master has a port to the wire; it cannot see which",
     ("buses.canopen.master", "sim.canopen.bus"): "the same, when it is closed",
-    ("assessing.axis_assessment", "sim.bench"): "a run is judged by the true motion that its bench knows",
+    ("assessing.summary", "sim.bench"): "a run is judged by the true motion that its bench knows",
     ("assessing.summary", "sim.canopen.world"): "the world may forget the motion that has been judged",
     ("assessing.recording", "sim.mechanics.trajectory"): "the same motion, instant by instant",
 }
