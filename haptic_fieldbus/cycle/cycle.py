@@ -13,8 +13,8 @@ from itertools import chain
 from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
-from haptic_fieldbus.cycle.laws import Noted, Over, PairField, blended_pair, has_no_rest, in_order
-from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
+from haptic_fieldbus.cycle.laws import Noted, Over, PairField, PeriodStep, blended_pair, has_no_rest, in_order
+from haptic_fieldbus.cycle.ordinary import ElsewhereJudged, Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -51,6 +51,16 @@ def columns(plan: Plan) -> tuple[str, ...]:
     return tuple(names)
 
 
+def _judged(judge: PeriodStep, render: PeriodStep) -> PeriodStep:
+    """Return one step that judges the last period, and then renders."""
+
+    def step() -> None:
+        judge()
+        render()
+
+    return step
+
+
 class Cycle:
     """A running plan: `cycle(image)` returns the output image of the period, in one buffer that is reused.
 
@@ -78,6 +88,7 @@ class Cycle:
         self._couplings = [self._coupled(place, element) for place, element in enumerate(plan.scene.couplings)]
         tied = dict.fromkeys(name for element in plan.scene.couplings for name in element.axes)
         self._tied = tuple(self.axes[name].state for name in tied)
+        self._sensed = tuple(self.axes[name].sensed for name in tied)
         self._apart = 0
         """Periods in a row in which a coupled axis had no sample."""
         if tied:
@@ -89,7 +100,7 @@ class Cycle:
         self.ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
         """The energy ledgers, in the order of their first axes."""
         self._render = self._begin
-        self._account: PlainAccount | None = None
+        self._account: PlainAccount | ElsewhereJudged | None = None
         """Account that both steps of an only axis use."""
         self.full = self._bind_full()
         """The cycle as a function that takes each period through all of its code."""
@@ -121,10 +132,11 @@ class Cycle:
     def _bind_step(self) -> Step:
         """Return the step of ordinary periods, or `full` for a plan that has no such step."""
         axis = self._first
-        plain = len(self.axes) == len(self.ledgers) == 1 and self.ledgers[0].is_plain and not self._controlled
-        if not plain or axis.echo is None or axis.axis.integrates:
+        if self._others or axis.echo is None or axis.axis.integrates:
             return self.full
-        self._account = PlainAccount(self.ledgers[0])
+        (ledger,) = self.ledgers
+        plain = ledger.is_plain and not self._controlled
+        self._account = PlainAccount(ledger) if plain else ElsewhereJudged(ledger, controls=self._controlled)
         return bind_ordinary(self, axis, self._account, axis.echo, self.output, self.full)
 
     @property
@@ -239,9 +251,9 @@ class Cycle:
         renders, account = {name: axis.render for name, axis in self.axes.items()}, self._account
         for ledger in self.ledgers:
             # Before any axis of the ledger renders, while the states still hold the last targets sent.
-            first = ledger.axes[0].name
-            render, controls = renders[first], self._controlled
-            renders[first] = account.bind(render) if account else bind_ledger(ledger, render, controls=controls)
+            first, controls = ledger.axes[0].name, self._controlled
+            judge = account.bind() if account else bind_ledger(ledger, controls=controls)
+            renders[first] = _judged(judge, renders[first])
         self._render = in_order((*before, *self._couplings, *renders.values()))
         self._render()
         for axis in axes:
@@ -273,8 +285,20 @@ class Cycle:
 
     def _pair(self, element: CouplingElement, period: float) -> PairField:
         """Return a fresh law of the coupling; it reads the signals of its two axes itself."""
-        law = element.begin(period)
-        read_first, read_second = (self.axes[name].reader(element.needs) for name in element.axes)
+        law, (one, other) = element.begin(period), (self.axes[name] for name in element.axes)
+        first, second, on_first, on_second = one.state, other.state, one.permission, other.permission
+        # Common combinations are written out, as in `with_signals`.
+        if element.needs == (Signal.POSITION,):
+            return lambda: law(first.position - on_first.shift, second.position - on_second.shift)
+        if element.needs == (Signal.POSITION, Signal.VELOCITY):
+            of_first, of_second = one.sensed, other.sensed
+            return lambda: law(
+                first.position - on_first.shift,
+                of_first.velocity,
+                second.position - on_second.shift,
+                of_second.velocity,
+            )
+        read_first, read_second = one.reader(element.needs), other.reader(element.needs)
         return lambda: law(*read_first(), *read_second())
 
     def _last_pair(self, place: int) -> tuple[float, float]:
@@ -300,11 +324,15 @@ class Cycle:
 
         It ends with a period in which all of them have a sample.
         """
-        self._apart = self._apart + 1 if sum([state.missing for state in self._tied]) else 0
+        missing = 0
         for state in self._tied:
-            state.holding = self._apart
+            missing += state.missing
+        if missing or self._apart:
+            self._apart = self._apart + 1 if missing else 0
+            for state in self._tied:
+                state.holding = self._apart
 
     def _uncouple(self) -> None:
         """Reset the coupling force of each axis to 0, before the couplings of the period add to it."""
-        for axis in self.axes.values():
-            axis.sensed.coupled = 0.0
+        for sensed in self._sensed:
+            sensed.coupled = 0.0

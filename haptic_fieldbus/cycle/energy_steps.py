@@ -48,23 +48,28 @@ class _Side:
 
     def passed(self) -> float:
         """Add the last period, and return the work done on the handle in it [J]."""
-        state, before = self.port.state, self.acting
-        self.moved = self.way = state.position - self.last
-        self.places.appendleft(state.position)
-        if self.by_law:
-            shift, self.shift = self.shift, self.port.permission.shift
-            self.way -= self.shift - shift
-            self.work = 0.5 * (self.force + state.force) * self.pending
-            self.force, self.pending = state.force, self.way
-        if self.by_law and state.steps > 1:
-            # The law was stepped along a straight line over several periods; this motion has no leak.
-            self.acting = state.led_force
-            self.sent = deque([self.acting] * len(self.sent))
-            self.work, self.force, self.pending = self.work + state.led_work, self.acting, 0.0
-            return state.led_work
-        self.sent.appendleft(state.force if self.by_law else state.target * self.unit)
-        self.acting = acting = self.sent.pop()
-        done = self.way * (acting - self.share * (acting - before))
+        state, places, before = self.port.state, self.places, self.acting
+        here = state.position
+        self.moved = self.way = way = here - places[0]
+        places.appendleft(here)
+        if not self.by_law:
+            acting = state.target * self.unit
+        else:
+            acting, shift, self.shift = state.force, self.shift, self.port.permission.shift
+            self.way = way = way - (self.shift - shift)
+            self.work = 0.5 * (self.force + acting) * self.pending
+            self.force, self.pending = acting, way
+            if state.steps > 1:
+                # The law was stepped along a straight line over several periods; this motion has no leak.
+                self.acting = state.led_force
+                self.sent = deque([self.acting] * len(self.sent))
+                self.work, self.force, self.pending = self.work + state.led_work, self.acting, 0.0
+                return state.led_work
+        if self.sent:
+            self.sent.appendleft(acting)
+            acting = self.sent.pop()
+        self.acting = acting
+        done = way * (acting - self.share * (acting - before))
         if not self.by_law:
             self.work = done
         return done
@@ -82,13 +87,13 @@ class _Side:
         return terms.damping_between(min(self.places) - shift, max(self.places) - shift)
 
 
-def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> PeriodStep:
-    """Return the shortest step that is enough for `ledger`: it judges the last period, and then renders.
+def bind_ledger(ledger: Ledger, *, controls: bool) -> PeriodStep:
+    """Return the shortest step that is enough for `ledger`: it judges the last period, before the force of the next.
 
     `controls` adds the controller's damping.
     """
     if ledger.is_plain and not controls:
-        return PlainAccount(ledger).bind(render)
+        return PlainAccount(ledger).bind()
     sides = [_side(port, ledger) for port in ledger.ports]
     account, control = _Account(ledger, sides), _Controller(ledger, sides) if controls else None
 
@@ -99,12 +104,12 @@ def bind_ledger(ledger: Ledger, render: PeriodStep, *, controls: bool) -> Period
         account.take(work)
         if control is not None:
             control.damp(work)
-        render()
 
     ledger.reopen = account.reopen
     for port in ledger.ports:
         port.permission.loosened = account.loosen
-    return step
+    (side, *others) = sides
+    return step if others or control or side.sent or not side.by_law else account.bind_alone(side, step)
 
 
 class PlainAccount:
@@ -129,8 +134,8 @@ class PlainAccount:
         self.by_place = bool(self._terms.by_place)
         """Whether the leak depends on the place."""
 
-    def bind(self, render: PeriodStep) -> PeriodStep:
-        """Open the account at the present position; return the step that judges the last period, and then renders."""
+    def bind(self) -> PeriodStep:
+        """Open the account at the present position; return the step that judges the last period."""
         state, ledger, early, late, begin = self._port.state, self._ledger, self.early, self.late, self._begin
         self.last = self.behind = state.position
         ledger.open((self.last,))
@@ -155,7 +160,6 @@ class PlainAccount:
                 self.older = before
                 if before * self.side <= 0:
                     begin(before)
-            render()
 
         return step
 
@@ -213,20 +217,24 @@ class _Account:
 
     def take(self, work: float) -> None:
         """Book the work of a period, judge the account, and open another one when contact is left."""
-        for side, terms in zip(self._sides, self._ledger.terms, strict=True):
-            self._given += side.work
-            self._granted += terms.active * abs(side.way)
-            if side.by_law:
-                if side.port.state.steps > 1:  # each period of the straight line has the error of a motion of its own
-                    stiffness, way = side.damping(terms) / (terms.age * self._ledger.period), side.way
-                    self._given -= stiffness * way * way / side.port.state.steps
-                self._given -= self._begun(side, terms)
-            else:
-                self._granted += side.damping(terms) / self._ledger.period * side.way * side.way
-        energy = self._given - self._granted
-        if energy > self._ledger.tally.largest + self._ledger.memory.reserve:
-            self._given = self._granted + self._ledger.judge(energy, self._positions)
-        if self._ledger.reason is not None:
+        ledger, given, granted = self._ledger, self._given, self._granted
+        changing, period = ledger.changing, ledger.period
+        for side, terms in zip(self._sides, ledger.terms, strict=True):
+            way = side.way
+            given += side.work
+            granted += terms.active * abs(way)
+            if not side.by_law:
+                granted += (side.damping(terms) if terms.by_place else terms.damping) / period * way * way
+                continue
+            if side.port.state.steps > 1:  # each period of the straight line has the error of a motion of its own
+                stiffness = side.damping(terms) / (terms.age * period)
+                given -= stiffness * way * way / side.port.state.steps
+            if changing:
+                given -= self._begun(side, terms)
+        self._given, self._granted, energy = given, granted, given - granted
+        if energy > ledger.tally.largest + ledger.memory.reserve:
+            self._given = granted + ledger.judge(energy, self._positions)
+        if ledger.reason is not None:
             self._loose(work)
         else:
             for side in self._sides:
@@ -234,8 +242,36 @@ class _Account:
                     break
             else:  # no axis still has a force in the direction in which the account was opened
                 self._begin()
-        if self._ledger.changing:
-            self._ledger.tick(self._positions)
+        if changing:
+            ledger.tick(self._positions)
+
+    def bind_alone(self, side: _Side, step: PeriodStep) -> PeriodStep:
+        """Return a shorter step for an only axis with virtual masses: periods within a contact of the law alone.
+
+        All other periods go to `step`. The sums are the same, in the same order.
+        """
+        ledger, places, state = self._ledger, side.places, side.port.state
+
+        def alone() -> None:
+            here, force = state.position, state.force
+            way, work = here - places[0], 0.5 * (side.force + force) * side.pending
+            given, granted = self._given + work, self._granted + ledger.terms[0].active * abs(way)
+            if (
+                state.steps != 1
+                or side.shift  # the place of the law shifts while there is a reason, and is followed until it is back
+                or ledger.reason is not None
+                or ledger.changing
+                or not force * side.direction > 0.0
+                or not given - granted <= ledger.tally.largest + ledger.memory.reserve
+            ):
+                step()
+                return
+            places.appendleft(here)
+            side.moved = side.way = side.pending = way
+            side.force = side.acting = force
+            side.work, self._given, self._granted = work, given, granted
+
+        return alone
 
     def loosen(self) -> None:
         """Note that the sent force may differ from the law from now on."""
@@ -301,8 +337,6 @@ class _Account:
         The mass begins at rest at the handle with its full force; the handle feels a share of it. Its spring is never
         longer than twice the path s of the handle since then, so it takes at most K·(2s)·ds, K·s² in all.
         """
-        if not self._ledger.changing:
-            return 0.0
         side.path += abs(side.way)
         stiffness = terms.damping / (terms.age * self._ledger.period)
         return 2.0 * stiffness * side.path * abs(side.way)

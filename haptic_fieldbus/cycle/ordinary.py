@@ -16,8 +16,9 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from haptic_fieldbus.cycle.energy_steps import PlainAccount
-from haptic_fieldbus.cycle.laws import in_order
+from haptic_fieldbus.cycle.energy import Ledger
+from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
+from haptic_fieldbus.cycle.laws import PeriodStep, in_order
 from haptic_fieldbus.cycle.plausibility import TorqueEcho
 from haptic_fieldbus.cycle.safety import Trip, whole_steps
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -50,6 +51,32 @@ class NoSignWatch:
         """Do nothing."""
 
 
+class ElsewhereJudged:
+    """In place of a plain account if the ledger has a step of its own: nothing is decided before that step judges."""
+
+    by_place = settles = False
+    early = late = leak = active = energy = last = behind = 0.0
+    limit = math.inf
+    side = math.nan
+    """No comparison holds, so no target leaves the contact."""
+
+    def __init__(self, ledger: Ledger, *, controls: bool) -> None:
+        self._ledger, self._controls, self._state = ledger, controls, ledger.ports[0].state
+        self._step: PeriodStep = in_order(())
+        self.older = 0
+        """Second last target."""
+
+    def bind(self) -> PeriodStep:
+        """Open the account of the ledger; return the step that judges the last period."""
+        self._step = bind_ledger(self._ledger, controls=self._controls)
+        return self.judge
+
+    def judge(self) -> None:
+        """Judge the last period, in both ways of a period."""
+        self.older = self._state.target
+        self._step()
+
+
 def _range(axis: AxisPlan) -> tuple[float, float]:
     """Return the first and last position of ordinary periods [m or rad].
 
@@ -61,7 +88,12 @@ def _range(axis: AxisPlan) -> tuple[float, float]:
 
 
 def bind_ordinary(
-    cycle: CycleState, each: "AxisCycle", account: PlainAccount, echo: TorqueEcho, output: bytearray, full: Step
+    cycle: CycleState,
+    each: "AxisCycle",
+    account: PlainAccount | ElsewhereJudged,
+    echo: TorqueEcho,
+    output: bytearray,
+    full: Step,
 ) -> Step:
     """Return the step of a cycle with the only axis `each`; periods that are not ordinary call `full`."""
     state, permission, axis, after, limits = each.state, each.permission, each.axis, each.after, each.axis.limits
@@ -74,7 +106,8 @@ def bind_ordinary(
     early, late, kept, own, older = account.early, account.late, echo.kept, echo.own, echo.older
     tolerance, shown_at, ratio, doubt = echo.doubt.tolerance, echo.place, echo.ratio, echo.doubt
     remember, watch = echo.before.appendleft, each.sign_watch or NoSignWatch()
-    steps = [step for step in (each.look, each.sense) if step is not None]
+    judge = account.judge if isinstance(account, ElsewhereJudged) else None
+    steps = [step for step in (each.sense, judge, each.look) if step is not None]
     before = in_order(steps) if steps else None
 
     def period(image: bytes | bytearray) -> bytearray:

@@ -122,7 +122,7 @@ def leading(case: Case) -> Iterator[Image]:
 
 
 def account(cycle: Cycle) -> PlainAccount:
-    assert cycle._account is not None
+    assert isinstance(cycle._account, PlainAccount)
     return cycle._account
 
 

@@ -184,8 +184,8 @@ DRIFTS = [
     ("        remember(sent)\n", "", "energy at up"),
     ("remember(sent)", "remember(second_last)", "energy at up"),
     ("            if before is not None:\n                before()\n", "", "motion, velocity"),
-    ("(each.look, each.sense)", "(each.sense,)", "motion, other masters"),
-    ("(each.look, each.sense)", "(each.look,)", "motion, velocity"),
+    ("(each.sense, judge, each.look)", "(each.sense, judge)", "motion, other masters"),
+    ("(each.sense, judge, each.look)", "(judge, each.look)", "motion, velocity"),
     ("state.force = force = each.field(here)", "force = each.field(here)", "energy at up"),
     ("each.field(here)", "each.field(here + 2 * abs(unit))", "energy at up"),
     (
@@ -248,3 +248,24 @@ DRIFTS = [
     ("                watch.left -= 1\n", "", "jump at up"),
     ("                watch.add()\n", "                pass\n", "speed at up"),
 ]
+
+ALONE_DRIFTS = [
+    ("here - places[0]", "places[0] - here"),
+    ("0.5 * (side.force + force)", "0.5 * (force + force)"),
+    ("* side.pending", "* way"),
+    ("self._given + work", "self._given"),
+    ("self._given + work", "self._given - work"),
+    ("                state.steps != 1\n                or ", "                "),
+    ("                or side.shift  # the place", "                # the place"),
+    ("                or ledger.reason is not None\n", ""),
+    ("                or ledger.changing\n", ""),
+    ("                or not force * side.direction > 0.0\n", ""),
+    ("not force * side.direction > 0.0", "not force * side.direction >= 0.0"),
+    ("                or not given - granted <= ledger.tally.largest + ledger.memory.reserve\n", ""),
+    ("            places.appendleft(here)\n", ""),
+    ("side.moved = side.way = side.pending = way", "side.moved = side.way = way"),
+    ("side.force = side.acting = force", "side.force = force"),
+    ("side.force = side.acting = force", "side.acting = force"),
+    ("side.work, self._given, self._granted = work, given, granted", "side.work, self._granted = work, granted"),
+]
+"""Changes of the short step for virtual masses, `energy_steps._Account.bind_alone`, that must be seen."""

@@ -58,7 +58,7 @@ class Bench:
         port = LedgerAxis(axis, self.state, Sensed(), self.permission)
         self.ledger = Ledger([port], [(element,)], (), PERIOD, lambda *trip: self.trips.append(trip))
         self.ledger.tally.limit = 1e3
-        self.step = bind_ledger(self.ledger, self._render, controls=False)
+        self.step = bind_ledger(self.ledger, controls=False)
         self.force = self.law = 0.0
         self.t_ns = 0
 
@@ -76,6 +76,7 @@ class Bench:
         self.t_ns += round(1e9 * PERIOD)
         self.state.moved_ns = self.t_ns
         self.step()
+        self.state.target, self.state.force = round(self.force / self.unit), self.law
 
     def loosen(self, fade: float = 0.5) -> None:
         """From now on another force may be sent than that of the law."""
@@ -85,9 +86,6 @@ class Bench:
     def settle(self) -> None:
         """The law is followed again."""
         self.permission.fade, self.permission.unchanged = 1.0, True
-
-    def _render(self) -> None:
-        self.state.target, self.state.force = round(self.force / self.unit), self.law
 
 
 def turned(bench: Bench, turns: int = 3) -> float:

@@ -81,7 +81,7 @@ class TiedBench:
             LedgerAxis(axis, state, Sensed(), permission) for axis, state in zip(plan.axes, self.states, strict=True)
         ]
         self.ledger = Ledger(ports, *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
-        self._step = bind_ledger(self.ledger, lambda: None, controls=False)
+        self._step = bind_ledger(self.ledger, controls=False)
 
     def move(self, position: float, force: float, law: float) -> None:
         """Latch a position of the left handle, and send a force on both sides; the scene's law asks for `law`."""
@@ -114,7 +114,7 @@ def test_the_controller_damps_by_twice_what_takes_the_leak_and_no_more() -> None
     (axis,), state, sensed = plan.axes, AxisState(), Sensed()
     port = LedgerAxis(axis, state, sensed, Permission(fade=1.0, unchanged=True))
     ledger = Ledger([port], *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
-    step, way = bind_ledger(ledger, lambda: None, controls=True), 1e-4
+    step, way = bind_ledger(ledger, controls=True), 1e-4
     for number, place in enumerate([*range(1, 40), *range(38, 20, -1)]):
         state.position = place * way
         step()
@@ -159,7 +159,7 @@ def test_the_controller_takes_an_excess_back_within_four_periods() -> None:
     (axis,), state, sensed, way = plan.axes, AxisState(), Sensed(), 1e-4
     port = LedgerAxis(axis, state, sensed, Permission(fade=1.0, unchanged=True))
     ledger = Ledger([port], *ledger_elements(plan, plan.axes), plan.period, lambda *trip: None)
-    step = bind_ledger(ledger, lambda: None, controls=True)
+    step = bind_ledger(ledger, controls=True)
     whole, share = shares(axis, plan.period)
     assert not whole, "the force acts within the period"
     taken = []

@@ -4,6 +4,7 @@ import inspect
 import math
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from random import Random
@@ -16,15 +17,19 @@ from hypothesis import strategies as st
 
 from haptic_fieldbus.api import plan as plan_from
 from haptic_fieldbus.cycle import cycle as cycle_module
-from haptic_fieldbus.cycle import ordinary
+from haptic_fieldbus.cycle import energy_steps, ordinary
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.ordinary import Step, bind_ordinary
+from haptic_fieldbus.planning.image import AXIS_HEADER
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.scenes.catalogue import load_scene
+from haptic_fieldbus.scenes.constant import Constant
+from haptic_fieldbus.scenes.sprung_mass import SprungMass
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import LinkFlag, Signal
 from tests.builders import plan_of, scene_of
 from tests.cycle.ordinary_cases import CASES, Case, plan_named, run_case
-from tests.cycle.ordinary_drifts import DRIFTS
+from tests.cycle.ordinary_drifts import ALONE_DRIFTS, DRIFTS
 
 ENABLED, READY, FAULT = 0x0637, 0x0631, 0x0638
 PLANS: list[dict[str, Any]] = [
@@ -35,12 +40,29 @@ PLANS: list[dict[str, Any]] = [
     {"scene": "wall", "drive": "generic_cia402_modbus", "bus": "sim-modbus-tcp"},
     {"scene": "hunt_crossley", "drive": "generic_cia402"},
     {"scene": "lugre"},
+    {"scene": "sprung_mass"},
+    {"scene": "free_puck", "drive": "generic_cia402"},
+    {"scene": "wall", "drive": "nanotec_c5_e"},
 ]
+"""Of the last three, the ledger judges by a step of its own: virtual masses, and a delay longer than a period."""
+CONTROLLED = len(PLANS)
+"""A plan with virtual masses and the passivity controller."""
 
 
 @cache
 def made(number: int) -> Plan:
+    if number == CONTROLLED:
+        return plan_of(replace(load_scene("sprung_mass"), passivity="controller"))
     return plan_from(**PLANS[number])
+
+
+@cache
+def with_mass(stiffness: float = 200.0, active: float = 0.0) -> Plan:
+    """A plan of a virtual mass, alone or beside a force that is active by intention; force fades in soon."""
+    mass, constant = SprungMass("handle", stiffness=stiffness, mass=0.5), Constant("handle", magnitude=active)
+    plan = plan_of(scene_of(mass, constant) if active else scene_of(mass))
+    (axis,) = plan.axes
+    return replace(plan, axes=(replace(axis, limits=replace(axis.limits, fade_in=0.01)),))
 
 
 def powerful(plan: Plan, power: float) -> Plan:
@@ -110,8 +132,12 @@ def kept(value: object, seen: set[int] | None = None) -> object:
         return {str(key): kept(each, seen) for key, each in value.items()}
     if isinstance(value, list | tuple | deque):
         return [kept(each, seen) for each in value]
+    if isinstance(value, ordinary.ElsewhereJudged):  # its step keeps nothing that the ledger does not reach
+        return [value.older, kept(value._ledger, seen)]
     if isinstance(value, FunctionType):
-        return [] if value.__module__ == ordinary.__name__ else [kept(_content(cell), seen) for cell in _cells(value)]
+        # Both ways bind other functions there, and the ledger reaches all that its step keeps.
+        other = value.__module__ in (ordinary.__name__, energy_steps.__name__)
+        return [] if other else [kept(_content(cell), seen) for cell in _cells(value)]
     if type(value).__module__.startswith(("haptic_fieldbus.cycle", "haptic_fieldbus.numerics")):
         names = [*getattr(value, "__dict__", {}), *getattr(type(value), "__slots__", ())]
         return {name: kept(getattr(value, name), seen) for name in names}
@@ -129,12 +155,34 @@ def _content(cell: CellType) -> object:
         return None
 
 
-def both(plan: Plan, seed: int, periods: int) -> Iterator[Cycle]:
-    """Run a plan in both ways on the same images, and compare each period."""
-    short, full, drive, target = Cycle(plan), Cycle(plan), Drive(plan, seed), 0
+@contextmanager
+def long_step() -> Iterator[None]:
+    """Let ledgers that begin inside of the block have no shorter step for virtual masses."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(energy_steps._Account, "bind_alone", lambda account, side, step: step)
+        yield
+
+
+def both(
+    plan: Plan, seed: int, periods: int, changed: Plan | None = None, of: type[Drive] = Drive, *, strict: bool = False
+) -> Iterator[Cycle]:
+    """Run a plan in both ways on the same images, and compare each period.
+
+    A live change begins in the middle. `strict`: from a third on, an account is judged that is within what is granted.
+    """
+    short, full, drive, target = Cycle(plan), Cycle(plan), of(plan, seed), 0
+    changes = [] if changed is None else [each.prepare(plan, changed, 100) for each in (short, full)]
     for number in range(periods):
         image = drive.image(target)
-        assert short.step(image) == full.full(image), number
+        if 2 * number > periods and changes:
+            begun = {change() for change in changes}
+            assert len(begun) == 1
+            changes = [] if begun == {True} else changes
+        for each in (short, full) if strict and 3 * number == periods - 1 else ():
+            each.ledgers[0].tally.largest = -1e-2
+        with long_step():
+            ours = bytes(full.full(image))
+        assert short.step(image) == ours, number
         assert short.row == full.row or not short.axes, number
         assert (short.trip, short.enabled, repr(short.failure)) == (full.trip, full.enabled, repr(full.failure)), number
         if number % 64 == 0 or short.trip is not None:
@@ -146,10 +194,56 @@ def both(plan: Plan, seed: int, periods: int) -> Iterator[Cycle]:
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-@given(number=st.integers(0, len(PLANS) - 1), seed=st.integers(0, 10**6), power=st.sampled_from((math.inf, 5.0)))
+@given(number=st.integers(0, CONTROLLED), seed=st.integers(0, 10**6), power=st.sampled_from((math.inf, 5.0)))
 def test_both_ways_keep_the_same_values_whatever_comes(number: int, seed: int, power: float) -> None:
     for _ in both(powerful(made(number), power), seed, 1500):
         pass
+
+
+def planted_alone(text: str, instead: str) -> Any:
+    """Return `bind_alone` of the ledger with a changed text."""
+    whole = inspect.getsource(energy_steps)
+    own = inspect.getsource(energy_steps._Account.bind_alone)
+    assert own.count(text) == 1, f"{text!r} is there {own.count(text)} times"
+    names: dict[str, Any] = {"__name__": energy_steps.__name__}
+    exec(compile(whole.replace(own, own.replace(text, instead)), "drift", "exec"), names)
+    return names["_Account"].bind_alone
+
+
+class Unsteady(Drive):
+    """A drive that loses three samples in a row at times."""
+
+    def image(self, target: int) -> bytes:
+        octets, header = super().image(target), self._plan.image.axes[0].header
+        if (self._t_ns // self._plan.period_ns) % 40 < 3:
+            age_ns, flags, code = AXIS_HEADER.unpack_from(octets, header)
+            return (
+                octets[:header]
+                + AXIS_HEADER.pack(age_ns, flags | LinkFlag.STALE, code)
+                + octets[header + AXIS_HEADER.size :]
+            )
+        return octets
+
+
+def steps_compared() -> None:
+    """Compare the short step for virtual masses with the long one, on all that it must leave to the long one."""
+    for seed in range(16):
+        drive, active = (Drive, Unsteady)[seed % 2], 0.3 * (seed % 4 > 1)
+        for _ in both(with_mass(200.0, active), seed, 400, with_mass(220.0, active), drive, strict=seed % 8 > 3):
+            pass
+
+
+@pytest.mark.parametrize(("text", "instead"), ALONE_DRIFTS)
+def test_a_change_of_the_short_step_for_virtual_masses_shows(
+    text: str, instead: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(energy_steps._Account, "bind_alone", planted_alone(text, instead))
+    with pytest.raises(AssertionError):
+        steps_compared()
+
+
+def test_the_short_step_for_virtual_masses_is_the_same_as_the_long_one() -> None:
+    steps_compared()
 
 
 def difference(case: Case, bind: Any = bind_ordinary) -> str | None:
