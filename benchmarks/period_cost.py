@@ -1,4 +1,4 @@
-"""One period: the cycle beside a wall written by hand with the same guards, and a whole simulated run."""
+"""One period: the cycle beside scenes written by hand with the same guards, and a whole simulated run."""
 
 import math
 import struct
@@ -9,6 +9,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from itertools import count
 from itertools import cycle as endless
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import perf_counter
 
 from rows import Figure, Pair, Row, cost, show
@@ -19,8 +21,24 @@ from haptic_fieldbus.cycle.cycle import Cycle
 PERIODS = 10_000
 COUNTS = 2000
 """Encoder counts of the handle, in the wall."""
+TWIST = 250
+"""Encoder counts of each handle at a shaft, in opposite directions."""
 FADE_IN = 1000
 """Periods after which force has faded in."""
+MASS = """\
+description = "A mass on a spring, so heavy that it stays where it is"
+[axis.handle]
+workspace = "linear"
+[[element]]
+kind = "sprung_mass"
+axis = "handle"
+stiffness = 200.0
+mass = 1e9
+"""
+ONE, TWO = struct.Struct("<qIHHHih"), struct.Struct("<qIHHIHHHihHih")
+"""Images of one axis, and of two."""
+WAYS = (0, 1, 2, 3, 4, 3, 2, 1)
+"""Motion of the handle in contact [counts]; one that stands still for long is another way through the cycle."""
 
 
 def sign_by_hand() -> Callable[[float, float], bool]:
@@ -46,12 +64,13 @@ def sign_by_hand() -> Callable[[float, float], bool]:
     return opposed
 
 
-def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
+def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     """The wall as one function without any choice, with every guard of the cycle; and the guard that tripped, or "".
 
-    A guard that needs a longer answer in the cycle only ends the run here.
+    A guard that needs a longer answer in the cycle only ends the run here. `mass`: the scene `MASS` instead of the
+    wall, its mass stepped by forward Euler.
     """
-    unpack, pack_into = struct.Struct("<qIHHHih").unpack_from, struct.Struct("<Hh").pack_into
+    unpack, pack_into = ONE.unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
     lowest, highest, zero, missing, doubt = -0.1, 0.1, 0, 0, False
     pulses: Callable[[float], float] | None = None
@@ -59,6 +78,7 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     target = older = side = moved_ns = fresh_ns = total = 0
     position, left = COUNTS * unit, 5
     way = energy = torque = before = fade = shift = 0.0
+    held = speed = spring = earlier = pending = 0.0
     cap = math.inf
     sent: deque[int] = deque([0] * 3, maxlen=3)
     opposed, tripped, output = sign_by_hand(), "", bytearray(4)
@@ -71,6 +91,7 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
 
     def period(image: bytes) -> bytearray:
         nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side, fresh_ns, total, left
+        nonlocal held, speed, spring, earlier, pending
         if tripped:
             return released(tripped)
         t_ns, age_ns, flags, _, statusword, counts, shown = unpack(image)
@@ -99,11 +120,15 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
             return released("acceleration")
         way, position = moved, here
         if moved:
-            # Energy of the contact.
+            # Energy of the contact; that of the mass by its force.
             moved_ns = t_ns
-            energy += moved * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * moved)
+            if mass:
+                energy += 0.5 * (earlier + spring) * pending
+            else:
+                energy += moved * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * moved)
             if energy > 0.0056:
                 return released("energy")
+            earlier, pending = spring, moved
         elif t_ns - moved_ns > 90_000_000_000:
             return released("stall")
         if target * side <= 0:
@@ -115,7 +140,11 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
         sent.appendleft(target)
         # The law, at the place where it is after gaps.
         place = here - shift
-        force = -600.0 * (place - 0.02) if place > 0.02 else 0.0
+        if mass:
+            spring = force = 200.0 * (held - place)
+            held, speed = held + 0.001 * speed, speed - 0.001 * force / 1e9
+        else:
+            force = -600.0 * (place - 0.02) if place > 0.02 else 0.0
         if not -math.inf < force < math.inf:
             return released("force")
         # Fade-in, effort, cap, pulses of a test, slew.
@@ -147,12 +176,25 @@ def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
 
 def cycle_pair(stack: ExitStack) -> Pair:
     """Decode to encode in contact with a wall, faded in, while the handle moves by a few counts."""
-    pack, latches = struct.Struct("<qIHHHih").pack, count(0, 1_000_000)
-    cycle, (reference, tripped) = Cycle(plan("wall")), by_hand()
+    return one_axis(Cycle(plan("wall")), *by_hand())
+
+
+def mass_pair(stack: ExitStack) -> Pair:
+    """Decode to encode with a virtual mass, at a handle that moves by a few counts."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "mass.toml"
+        path.write_text(MASS, encoding="utf-8")
+        return one_axis(Cycle(plan(path)), *by_hand(mass=True))
+
+
+def one_axis(cycle: Cycle, reference: Callable[[bytes], bytearray], tripped: Callable[[], str]) -> Pair:
+    """Lead the handle into contact; measure both there, from decode to encode."""
+    pack, latches, sent = ONE.pack, count(0, 1_000_000), 0
     for counts in range(0, COUNTS + 1, 20):
-        _, sent = struct.unpack("<Hh", cycle(pack(next(latches), 100_000, 0, 0, 0x0637, counts, 0)))
+        image = pack(next(latches), 100_000, 0, 0, 0x0637, counts, sent)  # what was sent comes back
+        _, sent = struct.unpack("<Hh", cycle(image))
     for _ in range(FADE_IN):
-        image = pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS, sent)  # what was sent comes back
+        image = pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS, sent)
         _, sent = struct.unpack("<Hh", cycle(image))
         same = struct.unpack("<Hh", reference(image)) == (0x0F, sent)
     if not same:
@@ -160,12 +202,40 @@ def cycle_pair(stack: ExitStack) -> Pair:
     begin = next(latches)
 
     def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
-        # A handle that stands still for long is another way through the cycle: its force is limited.
-        own, ways = count(begin, 1_000_000), endless((0, 1, 2, 3, 4, 3, 2, 1))
+        own, ways = count(begin, 1_000_000), endless(WAYS)
         # Every image has a time of its own: one that comes again, or a pause between two rounds, is a fault.
         return lambda: step(pack(next(own), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
 
-    ours, theirs = each(cycle.step), each(reference)
+    return measured(cycle, each(cycle.step), each(reference), tripped)
+
+
+def coupled_pair(stack: ExitStack) -> Pair:
+    """Decode to encode with a shaft between two handles, twisted and faded in, beside two walls by hand."""
+    cycle, (left, tripped), (right, too) = Cycle(plan("virtual_shaft")), by_hand(), by_hand()
+    own, walls, sent, target = count(0, 1_000_000), count(0, 1_000_000), (0, 0), 0
+
+    def ours(counts: int) -> bytearray:
+        first, second = (0x0637, counts, sent[0]), (0x0637, -counts, sent[1])
+        return cycle.step(TWO.pack(next(own), 100_000, 0, 0, 100_000, 0, 0, *first, *second))
+
+    def theirs(counts: int) -> bytearray:
+        image = ONE.pack(next(walls), 100_000, 0, 0, 0x0637, counts, target)
+        left(image)
+        return right(image)
+
+    for counts in [*range(0, TWIST + 1, 5), *[TWIST] * FADE_IN]:
+        _, *targets = struct.unpack("<HhHh", ours(counts))
+        sent = targets[0], targets[2]
+        _, target = struct.unpack("<Hh", theirs(COUNTS))
+    ways = endless(WAYS)
+    both = lambda: ours(TWIST + next(ways)), lambda: theirs(COUNTS + next(ways))
+    return measured(cycle, *both, lambda: tripped() or too())
+
+
+def measured(
+    cycle: Cycle, ours: Callable[[], object], theirs: Callable[[], object], tripped: Callable[[], str]
+) -> Pair:
+    """Return the pair of both, which no guard may end."""
 
     def pair() -> tuple[float, float]:
         costs = cost(ours, 1000), cost(theirs, 1000)
@@ -176,7 +246,11 @@ def cycle_pair(stack: ExitStack) -> Pair:
     return pair
 
 
-FIGURES = (Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.35, cycle_pair),)
+FIGURES = (
+    Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.35, cycle_pair),
+    Figure("cycle of a virtual mass on one axis", "the same loop and guards by hand", 1.9, mass_pair),
+    Figure("cycle of two coupled axes", "two walls with the same guards by hand", 3.0, coupled_pair),
+)
 
 
 def simulation_row() -> Row:
