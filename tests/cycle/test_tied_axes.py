@@ -2,13 +2,14 @@
 
 import random
 import struct
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.scenes.coupling import Coupling
-from haptic_fieldbus.signals import LinkFlag
+from haptic_fieldbus.scenes.element import PairLaw
+from haptic_fieldbus.signals import LinkFlag, Signal
 from tests.builders import plan_of, scene_of
 from tests.cycle.test_cycle import COUNT, ENABLED, UNIT
 
@@ -171,3 +172,25 @@ def test_an_axis_whose_sign_is_known_waits_for_that_of_the_other(unseen: str) ->
         for axis, target in zip(("left", "right"), shaft.torques(counts), strict=True):
             assert abs(target) <= (PULSES if axis == unseen else HOLDING)
     assert [shaft.cycle.axes[axis].state.permitted_ns for axis in ("left", "right")] == [None, None]
+
+
+@dataclass(frozen=True)
+class Brake(Coupling):
+    """A coupling that needs the speeds alone."""
+
+    @property
+    def needs(self) -> tuple[Signal, ...]:
+        return (Signal.VELOCITY,)
+
+    def begin(self, period: float) -> PairLaw:
+        return lambda first, second: (-self.damping * (first - second), self.damping * (first - second))
+
+
+def test_a_coupling_may_need_the_speeds_alone() -> None:
+    cycle = Cycle(plan_of(scene_of(Brake(("left", "right"), 1e-3, damping=2.0))))
+    for period in range(FADED_IN):
+        axes = (0, 0, 0, 0, 0, 0, ENABLED, period, 0, ENABLED, 0, 0)
+        cycle(struct.pack("<qIHHIHHHihHih", (1 + period) * PERIOD_NS, *axes))
+    left, right = (cycle.axes[name].sensed for name in ("left", "right"))
+    assert left.velocity == pytest.approx(COUNT / 1e-3, rel=1e-6)
+    assert left.coupled == -right.coupled == pytest.approx(-2.0 * left.velocity, rel=1e-6)
