@@ -9,6 +9,7 @@ import json
 import math
 import os
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ import numpy as np
 
 from haptic_fieldbus.api.arguments import KINDS
 from haptic_fieldbus.documents.edits import sync_folder
+from haptic_fieldbus.documents.safe_read import check_regular
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
 from haptic_fieldbus.recordings.provenance import digest, replacing
 
@@ -69,6 +71,10 @@ class SweepPoints:
     whole: frozenset[str] = frozenset()
     """Parameters that are whole numbers; a hypercube between whole numbers draws such ones of them."""
 
+    def __post_init__(self) -> None:
+        if not 0 < self.count <= LARGEST_COUNT:
+            raise UsageError(f"{self.count} points: expected 1 to {LARGEST_COUNT}")
+
     @classmethod
     def of(cls, given: Any, sample: int | None, seed: int) -> "SweepPoints":
         """Return the points of a mapping (products, or with `sample` a hypercube) or of a list of mappings.
@@ -93,7 +99,7 @@ class SweepPoints:
             return _hypercube(columns, sample, seed)
         if not isinstance(given, Mapping):
             return cls("list", columns, len(given), seed)
-        return cls("product", columns, _checked_count(math.prod(map(len, columns.values()))), seed)
+        return cls("product", columns, math.prod(map(len, columns.values())), seed)
 
     def columns(self, first: int, last: int) -> dict[str, list[Value]]:
         """Return the values of the points from `first` to before `last`, by the name of the parameter."""
@@ -126,17 +132,22 @@ class SweepPoints:
         """Types of the columns of Arrow: whole numbers, numbers, truth values, or texts for everything else."""
         if self.kind == "hypercube":
             return {name: "int64" if self._draws_whole(name) else "float64" for name in self.values}
-        return {name: _type_of(values) for name, values in self.values.items()}
+        return {name: str(column_of(values).type) for name, values in self.values.items()}
 
 
-def _type_of(values: Iterable[Value | None]) -> str:
-    """Return the type of a column; one without any value fits each type that another chunk has there."""
-    kinds: set[type] = {type(value) for value in values} - {type(None)}
-    if not kinds or kinds == {bool}:
-        return "bool_" if kinds else "null"
-    if not kinds <= {int, float}:
-        return "string"
-    return "int64" if kinds == {int} else "float64"
+def column_of(values: Iterable[Any], kind: str | None = None) -> "pyarrow.Array":
+    """Return values as a column of Arrow, of the type that fits all; texts where none does.
+
+    Without any value it has a type that fits each one that another chunk has there.
+    """
+    import pyarrow
+
+    known = [*map(python_value, values)]
+    kinds = {type(each) for each in known} - {type(None)}
+    if kind != "string" and (bool not in kinds or kinds == {bool}):  # to Arrow, True beside a number is 1
+        with suppress(pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
+            return pyarrow.array(known, type=kind)
+    return pyarrow.array([each if each is None else str(each) for each in known], type="string")
 
 
 def python_value(value: Any) -> Any:
@@ -176,13 +187,7 @@ def _hypercube(columns: Mapping[str, tuple[Any, ...]], sample: int, seed: int) -
                 f'{name}: expected (least, largest) or (least, largest, "log"), in rising order, "log" above 0'
             )
         ranges[name] = (low, high, bool(how))
-    return SweepPoints("hypercube", ranges, _checked_count(sample), seed)
-
-
-def _checked_count(count: int) -> int:
-    if not 0 < count <= LARGEST_COUNT:
-        raise UsageError(f"{count} points: expected 1 to {LARGEST_COUNT}")
-    return count
+    return SweepPoints("hypercube", ranges, sample, seed)
 
 
 # The folder.
@@ -236,7 +241,7 @@ class SweepFolder:
     path: Path
     points: SweepPoints
     chunk: int
-    digest: str
+    manifest: Mapping[str, Any]
 
     @classmethod
     def begun(
@@ -247,23 +252,22 @@ class SweepFolder:
         `told` are the keys of the manifest for pictures: `units` and `shipped_bench`.
         """
         text = json.dumps(inputs, sort_keys=True)
-        found, now = cls(path, points, chunk, digest(text)), json.loads(text)
-        manifest = path / MANIFEST
+        content = {
+            "schema": 1, "digest": digest(text), "points": points.count, "chunk": chunk, "names": list(points.values),
+            **told, "inputs": json.loads(text),
+        }  # fmt: skip
+        found, manifest = cls(path, points, chunk, content), path / MANIFEST
         if manifest.exists():
-            known = _manifest(path)
-            if known["digest"] != found.digest:
-                names = {**inputs, **known["inputs"]}
-                other = [name for name in names if known["inputs"].get(name) != now.get(name)]
+            known = cls.known(path)
+            if known.digest != found.digest:
+                now, before = content["inputs"], known.manifest["inputs"]
+                other = [name for name in {**inputs, **before} if before.get(name) != now.get(name)]
                 raise UsageError(
                     f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
                 )
         elif path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")}):
             raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
         else:
-            content = {
-                "schema": 1, "digest": found.digest, "points": points.count, "chunk": chunk,
-                "names": list(points.values), **told, "inputs": now,
-            }  # fmt: skip
             octets = json.dumps(content, indent=1).encode() + b"\n"
             try:
                 _write_whole(manifest, lambda new: new.write_bytes(octets), only_new=True)
@@ -271,17 +275,31 @@ class SweepFolder:
                 return cls.begun(path, points, chunk, inputs, told)
         for left in path.glob("*.new"):  # of a sweep that was killed while it wrote, not of one that still writes
             if (named := _LEFT.fullmatch(left.name)) and not _is_alive(named[1]):
-                left.unlink(missing_ok=True)
+                with suppress(OSError):  # in a folder that may only be read
+                    left.unlink()
         return found
 
     @classmethod
     def known(cls, path: Path) -> "SweepFolder":
-        """Return a folder as its manifest tells; raises UsageError for a folder without one."""
-        found = _manifest(path)
-        asked = found["inputs"]["points"]
-        values = {name: asked["values"][name] for name in found["names"]}
-        points = SweepPoints(asked["kind"], values, found["points"], found["inputs"]["seed"])
-        return cls(path, points, found["chunk"], found["digest"])
+        """Return a folder as its manifest tells; raises UsageError for one without a manifest, or a damaged one."""
+        try:
+            check_regular(path / MANIFEST)
+            told = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            asked, inputs = told["inputs"]["points"], told["inputs"]
+            values = {name: asked["values"][name] for name in told["names"]}
+            points = SweepPoints(asked["kind"], values, told["points"], inputs["seed"])
+            known = {"shipped_bench": False, **told, "units": dict(told["units"])}
+            whole = all(type(told[key]) is int and told[key] > 0 for key in ("points", "chunk"))
+            if not whole or not isinstance(told["digest"], str) or not isinstance(inputs["engine"], str):
+                raise ValueError
+            return cls(path, points, told["chunk"], known)
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
+
+    @property
+    def digest(self) -> str:
+        """Digest of all inputs."""
+        return str(self.manifest["digest"])
 
     @property
     def chunks(self) -> range:
@@ -311,26 +329,10 @@ class SweepFolder:
         import pyarrow
         from pyarrow import parquet
 
-        arrays, types = {}, {**self.points.types, **TYPES}
-        for name, values in {**self.points.columns(*self.bounds(chunk)), **rows}.items():
-            known = [*map(python_value, values)]
-            wanted = types.get(name) or _type_of(known)
-            texts = known if wanted != "string" else [each if each is None else str(each) for each in known]
-            arrays[name] = pyarrow.array(texts, type=getattr(pyarrow, wanted)())
-        table = pyarrow.table(arrays).replace_schema_metadata({METADATA: self.digest})
+        types, columns = {**self.points.types, **TYPES}, {**self.points.columns(*self.bounds(chunk)), **rows}
+        arrays = {name: column_of(values, types.get(name)) for name, values in columns.items()}
+        table = pyarrow.table(arrays, metadata={METADATA: self.digest})
         _write_whole(self.file(chunk), lambda new: parquet.write_table(table, new))
-
-
-def _manifest(path: Path) -> dict[str, Any]:
-    """Return the content of a manifest; raises UsageError for a folder without one, and for one that is damaged."""
-    try:
-        found = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        if not all(type(found[key]) is int and found[key] > 0 for key in ("points", "chunk")):
-            raise ValueError
-        known = {key: found[key] for key in ("digest", "points", "chunk", "names", "units", "inputs")}
-        return known | {"shipped_bench": found.get("shipped_bench", False)}
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UsageError(f"{path}: no {MANIFEST} of a sweep ({type(error).__name__})") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,10 +361,10 @@ class Sweep:
     def read(cls, path: str | Path) -> "Sweep":
         """Return the sweep of a folder, complete or not; raises UsageError when it is none, and without pyarrow."""
         require("pyarrow", "data")
-        path = Path(path)
-        found, folder = _manifest(path), SweepFolder.known(path)
-        whole, told = all(map(folder.is_whole, folder.chunks)), {key: found[key] for key in ("units", "shipped_bench")}
-        return cls(path, found["inputs"]["engine"], found["points"], tuple(found["names"]), whole, **told)
+        folder = SweepFolder.known(Path(path))
+        told = {key: folder.manifest[key] for key in ("units", "shipped_bench")}
+        names, whole = tuple(folder.points.values), all(map(folder.is_whole, folder.chunks))
+        return cls(folder.path, folder.manifest["inputs"]["engine"], folder.points.count, names, whole, **told)
 
     def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
         """Yield the rows of each chunk in their order, so that no more than one is held."""
@@ -382,17 +384,15 @@ class Sweep:
 
         if not tables:
             types = SweepFolder.known(self.path).points.types | {name: TYPES[name] for name in ("outcome", "message")}
-            fields = [(name, getattr(pyarrow, kind)()) for name, kind in types.items() if name in (columns or types)]
-            return pyarrow.schema(fields).empty_table()
+            return pyarrow.schema([each for each in types.items() if each[0] in (columns or types)]).empty_table()
         # A figure of a measure may be a number at one point and a text at another.
-        kinds: dict[str, set[str]] = {}
+        kinds: defaultdict[str, set[str]] = defaultdict(set)
         for each in (each for table in tables for each in table.schema):
-            kinds.setdefault(each.name, set()).add(str(each.type))
-        texts = [name for name, found in kinds.items() if len(found - {"null"}) > 1 and found & {"string", "bool"}]
+            kinds[each.name].add(str(each.type))
+        texts = {name for name, found in kinds.items() if len(found - {"null"}) > 1 and found & {"string", "bool"}}
         for place, table in enumerate(tables):
-            for name in (name for name in texts if name in table.column_names):
-                table = table.set_column(table.column_names.index(name), name, table[name].cast(pyarrow.string()))
-            tables[place] = table
+            fields = [each.with_type(pyarrow.string()) if each.name in texts else each for each in table.schema]
+            tables[place] = table.cast(pyarrow.schema(fields, table.schema.metadata))
         return pyarrow.concat_tables(tables, promote_options="permissive")
 
     def to_frame(self) -> "pandas.DataFrame":

@@ -48,7 +48,7 @@ def descriptor(columns: Sequence[str]) -> bytes:
     """Return the FileDescriptorSet of the message: a double for each column (descriptor.proto)."""
     names: list[str] = []
     for column in columns:
-        name = re.sub(r"\W+", "_", column)
+        name = re.sub(r"\W+", "_", column, flags=re.ASCII)  # protobuf has names of ASCII letters alone
         names.append(name if name not in names else f"{name}_{len(names)}")
     fields = [
         _field(2, _field(1, name) + _field(3, number) + _field(4, OPTIONAL) + _field(5, DOUBLE))

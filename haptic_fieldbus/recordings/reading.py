@@ -272,6 +272,8 @@ def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.b
 def _held(path: Path) -> RecordedRun:
     """Return the rows of a file that holds its provenance."""
     columns, units, text, complete = HOLDERS[path.suffix](path)
+    if "t_ns" not in columns:
+        raise UsageError(f"{path}: no recording of a run: it has no column t_ns")
     return RecordedRun(path, {**columns}, units, checked(json.loads(text), path) if text else None, complete)
 
 
@@ -318,12 +320,15 @@ def _candump(path: Path) -> RecordedRun:
 def _blf(path: Path) -> RecordedRun:
     from can.io.blf import BLFParseError, BLFReader
 
-    try:
-        with path.open("rb") as stream:
+    frames: list[tuple[float, str, int, bytes]] = []
+    with path.open("rb") as stream:
+        try:
             reader = BLFReader(stream)
-            frames = [(each.timestamp, str(each.channel), _can_id(each), bytes(each.data)) for each in reader]
-    except (BLFParseError, struct.error, zlib.error) as error:
-        raise ValueError(error) from error
+            frames.extend((each.timestamp, str(each.channel), _can_id(each), bytes(each.data)) for each in reader)
+        except (BLFParseError, struct.error, zlib.error) as error:
+            if not frames:
+                raise ValueError(error) from error
+            return _frames(path, frames, complete=False)  # cut off within an object
     return _frames(path, frames, complete=reader.file_size == path.stat().st_size)  # it is written at the end
 
 

@@ -597,7 +597,16 @@ def test_a_folder_that_is_damaged_is_read_up_to_what_is_whole(tmp_path: Path) ->
     assert [str(each) for each in found.to_arrow().schema.types] == ["double", "int64", "string", "string"]
     assert (len(found.to_frame()), found.stable_fraction) == (0, None)
     manifest = json.loads((out / "manifest.json").read_text())
-    for key, value in (("chunk", 0), ("chunk", "x"), ("points", 0)):
+    torn = manifest["inputs"] | {"points": 3}
+    wrong: tuple[tuple[str, Any], ...] = (
+        ("inputs", {}),
+        ("inputs", []),
+        ("inputs", torn),
+        ("names", ["x"]),
+        ("names", 3),
+        ("digest", 3),
+    )
+    for key, value in (("chunk", 0), ("chunk", "x"), ("points", 0), *wrong):
         (out / "manifest.json").write_text(json.dumps(manifest | {key: value}))
         with pytest.raises(UsageError, match=r"no manifest\.json of a sweep"):
             Sweep.read(out)

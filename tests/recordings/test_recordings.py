@@ -567,3 +567,37 @@ def test_rows_without_provenance_have_none_of_another_recording(tmp_path: Path) 
     found = read_recording(path)
     replace(found, provenance=None).write(path)
     assert read_recording(path).provenance is None
+
+
+def test_frames_of_a_binary_file_that_ends_within_an_object_are_kept(tmp_path: Path) -> None:
+    path, message = tmp_path / "a.blf", can.Message(arbitration_id=0x181, is_extended_id=False)
+    with can.BLFWriter(path, max_container_size=100) as writer:
+        for _ in range(50):
+            writer.on_message_received(message)
+    octets = path.read_bytes()
+    last = octets.rindex(b"LOBJ")
+    for size in (last + 1, last + 9):
+        path.write_bytes(octets[:size])
+        found = read_recording(path)
+        assert (len(found) > 40, found.complete) == (True, False)
+
+
+def test_a_table_without_times_is_no_recording(tmp_path: Path) -> None:
+    pyarrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(pyarrow.table({"a": [1.0, 2.0]}), tmp_path / "a.parquet")
+    with pytest.raises(UsageError, match="it has no column t_ns"):
+        read_recording(tmp_path / "a.parquet")
+
+
+def test_the_library_of_mcap_decodes_columns_of_any_letters(tmp_path: Path) -> None:
+    from haptic_fieldbus.recordings.mcap import McapFile
+
+    file = McapFile(tmp_path / "a.mcap", ["t_ns", "größe.position"], {}, "")
+    file.take(np.array([1e6, 0.5]).tobytes())
+    file.close("")
+    with (tmp_path / "a.mcap").open("rb") as stream:
+        messages = [
+            each for *_, each in make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        ]
+    assert [each.gr_e_position for each in messages] == [0.5]
+    assert list(read_recording(tmp_path / "a.mcap").columns) == ["t_ns", "größe.position"]
