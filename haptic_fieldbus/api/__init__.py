@@ -27,7 +27,7 @@ from haptic_fieldbus.defaults import (
 )
 from haptic_fieldbus.documents.own_parts import OwnName, name_of
 from haptic_fieldbus.drive.rig import Rig
-from haptic_fieldbus.errors import PlanError
+from haptic_fieldbus.errors import PlanError, UsageError
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.planning.energy import with_energy_limits
 from haptic_fieldbus.planning.limits import BEYOND_SHARE
@@ -229,6 +229,12 @@ def prepare_run(
         drive, rate = task.drive or protocol_named(name.section.protocol).default_drive, task.rate or math.nan
         vars(error)["result"] = Result(scene=str(task.scene), drive=drive, bus=bus, rate=rate)
         raise
+    given = [name for name in ("hand", "faults") if getattr(trial, name) not in (None, "none", ())]
+    if given and not plan.simulated:
+        raise UsageError(
+            f"{' and '.join(given)}: only for a simulated bench, and {selection.bus.text} is a real bus; give it to "
+            "`haptic-fieldbus simulate`, or add --bus sim"
+        )
     try:
         changes = _checked(plan, trial, beyond=beyond)
     except PlanError as refused:
@@ -294,6 +300,7 @@ def _conditions(plan: Plan, task: Task, trial: Trial, changes: "Changes | None",
         force=trial.force, prove=trial.prove, method=task.method, estimator=task.estimator,
         changes=tuple((float(time), parsed(settings)) for time, settings in scheduled),
         ramp=None if changes is None else changes.ramp,
+        in_place_of_real=tuple(name for name, section in plan.rig.bus.items() if section.stands_for_real),
     )  # fmt: skip
 
 

@@ -213,8 +213,8 @@ class _TappedBench:
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
         task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
         trial = Trial(
-            duration=LONGEST, hand=FINGER if law.by_hand else "none", fade_in=FADE_IN, seed=self._asked.seed,
-            confirm=self._confirmed, instruct=self._instruct,
+            duration=LONGEST, hand=FINGER if law.by_hand and self.plan.simulated else "none", fade_in=FADE_IN,
+            seed=self._asked.seed, confirm=self._confirmed, instruct=self._instruct,
         )  # fmt: skip
 
         def watch(session: Session) -> bool:

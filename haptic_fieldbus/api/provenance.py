@@ -205,6 +205,8 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
         _check_led(provenance, rig)
         if provenance.rig.source_sha256 is None:  # no file then: it is judged as that bench was, with exact values
             rig = replace(rig, source="")
+        stand_ins = {name: rig.bus[name].in_place_of_real() for name in made.in_place_of_real if name in rig.bus}
+        rig = replace(rig, bus={**rig.bus, **stand_ins})
         bus, scene = SIMULATION if simulated and not provenance.simulated else None, written(provenance.scene, "scene")
         task = Task(scene, rig, rate=made.rate, method=made.method, estimator=made.estimator, bus=bus)
         changes: Any = None

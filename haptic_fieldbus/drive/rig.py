@@ -215,6 +215,10 @@ class BusSection:
         """True when the bus is treated as a real one, and its drives are simulated in this program."""
         return False
 
+    def in_place_of_real(self) -> "BusSection":
+        """Return this simulated bus as one in the place of a real one."""
+        return self
+
     @property
     def lateness(self) -> float:
         """Time by which the simulated host of a simulated bus may be late in a period [s]."""

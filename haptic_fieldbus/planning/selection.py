@@ -27,7 +27,7 @@ from haptic_fieldbus.planning.compile import compile_plan
 from haptic_fieldbus.planning.known_bench import known_bench
 from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.planning.request import Task, check_request
-from haptic_fieldbus.protocols.catalogue import check_rig, load_profile, load_rig, own_profile
+from haptic_fieldbus.protocols.catalogue import AROUND_START, check_rig, load_profile, load_rig, own_profile
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
@@ -244,6 +244,10 @@ def _with_zero(rig: Rig, zero: str | None) -> Rig:
     if zero != HERE:
         hint = "for an encoder count use axis.NAME.mechanism.zero in the rig"
         raise UsageError(f'--zero "{zero}": expected {HERE}; {hint}')
+    for name, axis in rig.axis.items():
+        low, high = axis.limits.position or (0.0, 0.0)
+        if not low <= 0.0 <= high:
+            raise UsageError(f"--zero {HERE}: axis.{name}.limits.position is [{low}, {high}]; expected {AROUND_START}")
     started = {name: replace(axis.mechanism, zero="start") for name, axis in rig.axis.items()}
     return replace(rig, axis={name: replace(axis, mechanism=started[name]) for name, axis in rig.axis.items()})
 

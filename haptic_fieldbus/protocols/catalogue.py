@@ -228,6 +228,9 @@ def check_rig(rig: Rig) -> None:
     document.checked(rig)
 
 
+AROUND_START = "a travel that contains 0, which is the place of the handle when the drive is enabled"
+
+
 def _check_axis(document: Document, name: str, nodes: Nodes, known: Collection[str] | None = None) -> None:
     """Note the faults of an axis that its dataclasses cannot state; its profile is looked up where `known` is given.
 
@@ -240,6 +243,9 @@ def _check_axis(document: Document, name: str, nodes: Nodes, known: Collection[s
     match document.value(*limits):
         case [int() | float() as lower, int() | float() as upper] if not lower < upper:
             document.refuse(limits, "the lower limit first")
+        case [int() | float() as lower, int() | float() as upper] if not lower <= 0.0 <= upper:
+            if (document.value("axis", name, "mechanism", "zero") or "start") == "start":
+                document.refuse(limits, f"{AROUND_START}; for another zero state mechanism.zero, an encoder count")
     _check_simulation(document, name)
     check_plausible(document, name)
 

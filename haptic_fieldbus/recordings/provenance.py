@@ -86,6 +86,8 @@ class Conditions:
     led: tuple[tuple[int, str, float | str | None], ...] | None = ()
     """Commands to the hand on the page of the live view: period, axis and place, none to let go; or no axis and the
     name of a hand that took all handles. None: more than is kept."""
+    in_place_of_real: tuple[str, ...] = ()
+    """Buses of the rig that were simulated in the place of real ones, whose delays were assumed."""
 
 
 @dataclass(frozen=True)

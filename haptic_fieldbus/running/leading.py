@@ -122,7 +122,9 @@ class Leading:
         if self._asked:
             for axis in [*self._asked]:
                 # A hand that takes all handles at this moment has forgotten what was asked for.
-                if (to := self._asked.pop(axis, FORGOTTEN)) is not FORGOTTEN:
+                to = self._asked.pop(axis, FORGOTTEN)
+                # The hand of the simulation stays at a handle that nobody has pulled: a page that goes says "let go".
+                if to is not FORGOTTEN and (to is not None or axis in self._pulls):
                     self._obey(axis, to)
         for axis, target in self._pulls.items():
             if axes[axis].state.begun:

@@ -30,6 +30,7 @@ from haptic_fieldbus import (
 from haptic_fieldbus.api.session import EFFORT
 from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.running.rights import WorkAside
+from haptic_fieldbus.sim.faults import DriveFault
 from tests.running.guard_bench import drives_behind, rig_text
 
 ENABLED, RELEASED = b"0F00", b"0000"
@@ -251,6 +252,19 @@ def test_the_thread_that_judges_yields_to_the_loop_and_runs_on_every_processor(
     if loop[0] != os.SCHED_FIFO:
         pytest.skip("this system grants no SCHED_FIFO")
     assert found == (loop[0], loop[1] - 1, processors)
+
+
+def test_what_only_a_simulated_bench_can_do_is_refused_on_a_real_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (rig := tmp_path / "rig.toml").write_text(rig_text(profile="maxon_epos4"), encoding="utf-8")
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
+    asked: dict[str, Any] = {"settings": {"wall.stiffness": 200.0}, "duration": 0.05, "confirm": lambda question: True}
+    with pytest.raises(UsageError, match=r"^hand and faults: only for a simulated bench, and .* is a real bus"):
+        run("wall", rig, hand="push", faults="random@12", **asked)
+    with pytest.raises(UsageError, match=r"^faults: only for a simulated bench"):
+        run("wall", rig, faults=[DriveFault("drive_fault", at=0.01)], **asked)
+    assert run("wall", rig, hand="none", **asked).cycles
 
 
 def test_progress_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
@@ -506,3 +520,35 @@ def test_all_limits_of_an_undeclared_effort_are_those_of_its_cap() -> None:
     assert limits.unseen <= limits.effort
     assert limits.energy == pytest.approx(5e-3 + limits.effort * axis.resolution)
     assert limits.forgiven == pytest.approx(0.2 * limits.effort * limits.speed)
+
+
+def test_the_torque_of_a_healthy_drive_is_compared_where_the_scene_asks_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pulses of the direction check before it end sooner than the drive gives their torque."""
+    (rig := tmp_path / "rig.toml").write_text(rig_text(profile="maxon_epos4"), encoding="utf-8")
+    monkeypatch.setattr("haptic_fieldbus.api.site.site_of", drives_behind)
+    off = {"spring.stiffness": 100.0, "spring.position": 0.01}
+    told = run("spring", rig, settings=off, duration=1.0, confirm=lambda question: True).verdict
+    found = re.search(r"motor torque (\d+) % off target", told or "")
+    assert found is not None
+    assert int(found[1]) < 20  # of the delay of this drive; with the pulses it was 62
+
+
+def test_a_run_on_a_simulated_bus_in_the_place_of_a_real_one_is_repeated_with_the_limit_of_the_real_one(
+    tmp_path: Path,
+) -> None:
+    text = rig_text(profile="maxon_epos4")
+    (rig := tmp_path / "rig.toml").write_text(text, encoding="utf-8")
+    record = tmp_path / "run.csv"
+    first = run("wall", rig, bus="sim", settings={"wall.stiffness": 200.0}, duration=0.3, record=record)
+    again = repeat(record)
+    assert first.stability is not None
+    assert again.stability is not None
+    assert first.stability.limit == again.stability.limit
+    assert first.verdict == again.verdict
+    # The limit of a bus that is meant to be simulated has no assumed delay of an adapter.
+    (plain := tmp_path / "plain.toml").write_text(re.sub(r'interface = "\w+"', 'interface = "haptic_sim"', text))
+    direct = run("wall", plain, settings={"wall.stiffness": 200.0}, duration=0.3).stability
+    assert direct is not None
+    assert direct.limit.value > first.stability.limit.value

@@ -217,6 +217,12 @@ def test_axes_on_different_buses_may_have_the_same_node(tmp_path: Path) -> None:
         ),
         (
             "[-0.10, 0.10]",
+            "[0.03, 0.10]",
+            "line 23: axis.handle.limits.position: [0.03, 0.10]; expected a travel that contains 0, which is the place "
+            "of the handle when the drive is enabled; for another zero state mechanism.zero, an encoder count",
+        ),
+        (
+            "[-0.10, 0.10]",
             '["a", 0.10]',
             'line 23: axis.handle.limits.position[0]: "a"; expected a number without quotes, '
             'or one with its unit such as "2 m"',

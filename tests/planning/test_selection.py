@@ -60,6 +60,17 @@ def test_a_run_may_begin_where_the_handle_is() -> None:
     assert here.torque_error == run("wall", counted_from(0), duration=1.0).torque_error
 
 
+def test_a_travel_that_does_not_contain_the_start_is_refused_with_zero_here_and_kept_with_a_zero_of_the_rig() -> None:
+    bench = counted_from(10_000)
+    limits = replace(bench.axis["handle"].limits, position=(0.03, 0.1))
+    away = replace(bench, axis={"handle": replace(bench.axis["handle"], limits=limits)})
+    assert plan("wall", away).rig.axis["handle"].limits.position == (0.03, 0.1)
+    with pytest.raises(
+        UsageError, match=r"^--zero here: axis\.handle\.limits\.position is \[0\.03, 0\.1\]; expected a travel"
+    ):
+        plan("wall", away, zero="here")
+
+
 def test_zero_is_here_or_that_of_the_rig() -> None:
     with pytest.raises(UsageError, match=r'^--zero "there": expected here; for an encoder count use'):
         plan("wall", zero="there")

@@ -66,6 +66,11 @@ def test_each_command_acts_in_its_period_and_the_record_does_the_same_again() ->
     assert (again.acted, repeated) == (first.acted, done)
 
 
+def test_the_hand_of_the_simulation_stays_at_a_handle_that_nobody_has_pulled() -> None:
+    found, done = led({1: lambda hands: hands.pull("a", None), 2: Leading.let_go})
+    assert (found.acted, done) == ([], [*range(10)])
+
+
 def test_a_handle_whose_place_is_not_known_is_not_pulled_yet() -> None:
     handle = Handle()
     found = Leading({"a": handle}, [], "none")
@@ -85,6 +90,8 @@ def test_a_hand_that_takes_the_handles_while_the_loop_obeys_ends_no_run() -> Non
 
     other = Handle()
     found = Leading({"a": Taken(), "b": other}, [], "none")
+    found.pull("a", 0.1)
+    found.act(axes(), PERIOD)
     found.pull("a", None)
     found.pull("b", 0.1)
     found.act(axes(), PERIOD)

@@ -100,6 +100,9 @@ class CanSection(BusSection):
     def route(self) -> str:
         return f"{self.wires}, adapter_latency {self.adapter_latency}"
 
+    def in_place_of_real(self) -> "CanSection":
+        return StandInCanSection(**vars(self))
+
 
 @dataclass(frozen=True)
 class StandInCanSection(CanSection):
@@ -141,7 +144,7 @@ def in_place_of(section: CanSection, named: BusName, channel: str | None) -> Can
     found = replace(
         section, interface=new.interface, channel=channel or new.channel, bitrate=bitrate, arguments=arguments
     )
-    return StandInCanSection(**vars(found)) if found.simulated and not section.simulated else found
+    return found.in_place_of_real() if found.simulated and not section.simulated else found
 
 
 def _parse_bare(text: str) -> BusName:

@@ -85,6 +85,9 @@ class ModbusSection(BusSection):
             raise UsageError(f'bus "{self.interface}:{self.channel}": expected a port after the host, 1 to 65535')
         return host.strip("[]"), int(port)
 
+    def in_place_of_real(self) -> "ModbusSection":
+        return StandInModbusSection(**vars(self))
+
 
 @dataclass(frozen=True)
 class StandInModbusSection(ModbusSection):
@@ -141,7 +144,7 @@ def in_place_of(section: ModbusSection, named: BusName, channel: str | None) -> 
     if not isinstance(new, ModbusSection):
         raise UsageError(f'bus "{named.text}" is not a Modbus line, but {own} of the rig is')
     found = replace(section, interface=new.interface, channel=channel or new.channel, baud=new.baud or section.baud)
-    return StandInModbusSection(**vars(found)) if found.simulated and not section.simulated else found
+    return found.in_place_of_real() if found.simulated and not section.simulated else found
 
 
 # Line and registers of one axis: times of the line from rig and profile, and which registers share a request.
