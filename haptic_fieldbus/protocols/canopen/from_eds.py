@@ -25,7 +25,13 @@ from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
 from haptic_fieldbus.protocols.canopen.eds_pdos import MAPPING, PROFILE_TORQUE, Lack, carries, records, torque_mode
 from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, STEEPEST, USABLE, Use, number_of, value_at
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, SetupSection, SyncSection
+from haptic_fieldbus.protocols.canopen.profile import (
+    CanopenProfile,
+    LinkLossSection,
+    PdoSection,
+    SetupSection,
+    SyncSection,
+)
 
 POWERS = (-3, -4, -5, -6)
 """Powers of ten of the interpolation time period that are tried, the usual one first."""
