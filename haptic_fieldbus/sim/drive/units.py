@@ -4,8 +4,9 @@ Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h, 60A8h, 60A9h). Position [position
 (encoder resolution · gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the
 factors. A drive with 60A8h or 60A9h uses the units that these objects name. If 60A8h is an angle, the feed constant is
 the number of its units in a revolution; 60A9h refers to the motor. A drive without 60A8h, or with 0 in it, may have an
-angle of its own as the unit. An acceleration unit is a position unit per second squared. Bit 7 of the polarity reverses positions, bit 6 velocities. In a drive without feed constant, positions are
-counts at the driving shaft: the feed constant is its encoder resolution.
+angle of its own as the unit. An acceleration unit is a position unit per second squared. Bit 7 of the polarity reverses
+positions, bit 6 velocities. In a drive without feed constant, positions are counts at the driving shaft: the feed
+constant is its encoder resolution.
 """
 
 import math
