@@ -156,7 +156,7 @@ CHECKED = {
     True: "the power of the drive, the wiring, the baud rate, the parity and the unit id",
     False: "the power of the drive, the address, the port and the unit id",
 }
-"""What to check on a serial line (True) or over TCP (False) when nobody answers."""
+"""Checks for a serial line (True) or TCP (False) on which no unit answers."""
 
 
 def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
@@ -167,9 +167,9 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
         return Scan(requester.name, (), str(error), f"{error}; no requests were sent")
     asked = sorted(set(units))
     found = [found for unit in asked if (found := _found(requester, unit, profiles)) is not None]
-    units = f"unit {', '.join(map(str, asked))}"
-    told = f"Requested: {units}; others with --node, as in --node 1-8"
-    silent = f"no answer from {units} on {requester.name}: check {CHECKED[requester.transport.serial]}"
+    named = f"unit {', '.join(map(str, asked))}"
+    told = f"Requested: {named}; others with --node, as in --node 1-8"
+    silent = f"no answer from {named} on {requester.name}: check {CHECKED[requester.transport.serial]}"
     return Scan(requester.name, tuple(found), f"{listened}. {told}", silent=silent)
 
 
