@@ -6,6 +6,7 @@ one right after the other, so that other programs disturb both. What is judged i
 
 import argparse
 import json
+import signal
 import sys
 from contextlib import ExitStack
 from statistics import median
@@ -142,6 +143,8 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    # Both ways to end unwind the stack, which ends the processes that were started.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(main())
     except KeyboardInterrupt:

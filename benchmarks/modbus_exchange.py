@@ -44,13 +44,17 @@ Call = Callable[[], object]
 def serve() -> None:
     """Answer every request on each connection as a drive at rest; print the port before.
 
-    One process serves all who are compared, so that all of them have the same processor on the other side.
+    One process serves all who are compared, so that all of them have the same processor on the other side. It ends with
+    its standard input, however the process ends that started it.
     """
     with socket.create_server(("127.0.0.1", 0)) as listener, selectors.EpollSelector() as ready:
         print(listener.getsockname()[1], flush=True)
         ready.register(listener, selectors.EVENT_READ)
+        ready.register(sys.stdin, selectors.EVENT_READ)
         while True:
             for key, _ in ready.select():
+                if key.fileobj is sys.stdin:
+                    return
                 if key.fileobj is listener:
                     connection, _ = listener.accept()
                     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -74,16 +78,17 @@ def answer(request: bytes) -> bytes:
 def server() -> Iterator[int]:
     process = subprocess.Popen(
         [sys.executable, __file__, "serve"],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),  # Ctrl-C reaches it too
     )
     try:
         assert process.stdout is not None
         yield int(process.stdout.readline())
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 def by_hand(port: int, stack: ExitStack) -> Call:
@@ -225,6 +230,7 @@ FIGURES = (
 if __name__ == "__main__":
     if sys.argv[1:] == ["serve"]:
         serve()
+        sys.exit()
     times = measured()
     print(machine())
     for name, each in times.items():

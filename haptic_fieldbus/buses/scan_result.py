@@ -15,10 +15,6 @@ COLUMNS = {
 }  # fmt: skip
 """Key of a node → heading of its column, in the order of the columns."""
 HEXADECIMAL = ("vendor_id", "product_code", "revision", "serial")
-NOBODY_ANSWERS = (
-    "no node answered: check the power of the drives, the wiring, both 120 Ω terminators and the bit rate; run doctor "
-    "to check the adapter"
-)
 PASSED = {True: "ok", False: "not ok", None: "-"}
 
 
@@ -60,13 +56,15 @@ class Scan:
     """Sentence about what was heard before anything was sent."""
     masters: str = ""
     """Sentence about another master. Nothing was asked then, and `nodes` are those that were heard."""
+    silent: str = ""
+    """Sentence for no answer at all: what to check on such a bus."""
 
     def rows(self) -> Iterator[OutputRow]:
         """Yield what was heard on the bus; the nodes have rows of their own."""
         yield OutputRow(key="bus", value=self.bus)
         yield OutputRow("bus", [self.listened], "listened", self.listened)
         yield OutputRow("listened", filter(None, [self.masters]), "masters", self.masters or None)
-        yield OutputRow("none", [] if self.nodes else [NOBODY_ANSWERS])
+        yield OutputRow("none", [] if self.nodes or not self.silent else [self.silent])
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,10 @@
 """Commands `report`, which measures error, stability and cost of all methods, and `bench`, which measures speed."""
 
+import os
+import signal
 import subprocess
 import sys
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,6 +27,8 @@ LABEL_WIDTH = 44
 """Longest label beside the progress bar [characters]."""
 NO_FIGURE = 2
 """Exit status of the benchmarks without a figure to measure."""
+GRACE = 10.0
+"""Time that the benchmarks and their processes have to end after a signal [s]."""
 
 
 def report(
@@ -80,10 +85,44 @@ def bench(
 
     # In a process of its own, which has loaded nothing yet.
     program = [sys.executable, str(profile_folder().parent / "benchmarks" / "bench.py"), "--only", only]
-    status = subprocess.call([*program, *["--short"] * short, *["--json"] * as_json])
+    status = _called([*program, *["--short"] * short, *["--json"] * as_json])
     if as_json and status == NO_FIGURE:
         print_object(UsageError(f'--only "{only}": no figure has this word in its name'))
     raise typer.Exit(status)
+
+
+def _called(program: list[str]) -> int:
+    """Run a program and return its exit status; a signal ends it with all processes that it started.
+
+    It gets a session of its own, so that Ctrl-C reaches this process alone.
+    """
+    with ended_by_signals() as ending:
+        ending.hold()  # a signal while it is started would leave it behind
+        with subprocess.Popen(program, start_new_session=True) as child:
+            try:
+                ending.resume()
+                return child.wait()
+            except KeyboardInterrupt:
+                _end(child)
+                raise
+
+
+def _end(child: "subprocess.Popen[bytes]") -> None:
+    try:
+        _send(child, "SIGTERM")
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(GRACE)
+    finally:
+        _send(child, "SIGKILL")
+
+
+def _send(child: "subprocess.Popen[bytes]", name: str) -> None:
+    """Send a signal to the session of a child; on Windows, which has none, end the child."""
+    if sys.platform == "win32":
+        child.kill()
+        return
+    with suppress(ProcessLookupError):
+        os.killpg(child.pid, getattr(signal, name))
 
 
 def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
@@ -91,8 +130,11 @@ def _interruptible(run: "Callable[..., Result]") -> "Callable[..., Result]":
 
     def call(*args: Any, **kwargs: Any) -> "Result":
         with ended_by_signals() as ending:
-            result = run(*args, **kwargs)
-            ending.resume()
+            try:
+                result = run(*args, **kwargs)
+                ending.resume()
+            finally:
+                ending.when = ""  # the report ends, not a run on drives
         return result
 
     return call

@@ -30,6 +30,8 @@ OURS_TO_TAKE = (signal.SIG_DFL, signal.default_int_handler)
 """Default handlers, which are replaced; others, such as those of `nohup` or of the calling program, stay."""
 EARLY = " before enabling: no torque was applied"
 """Time of the stop in a sentence, for a run without enabled drives."""
+SWALLOWED = (("_weakrefset", "_remove"), ("weakref", "remove"))
+"""Module and name of callbacks in which an exception is lost: CPython prints it and goes on."""
 AGAIN = 1.0
 """Time after a KeyboardInterrupt in which further signals are only noted, because the run already ends [s]."""
 RESULT_TIME = 10.0
@@ -97,14 +99,15 @@ class EndSignals:
             raise KeyboardInterrupt
 
     def receive(self, number: int, frame: FrameType | None = None) -> None:
-        """Note a signal; raises KeyboardInterrupt unless signals are held."""
+        """Note a signal; raises KeyboardInterrupt unless signals are held, or an exception would be lost here."""
         if self.over:
             self.put_back()
             signal.raise_signal(number)
             return
         self.signal = self.signal or number
         while frame is not None:
-            if frame.f_code is self.unbroken:
+            named = frame.f_globals.get("__name__"), frame.f_code.co_name
+            if frame.f_code is self.unbroken or named in SWALLOWED or named[1] == "__del__":
                 return
             frame = frame.f_back
         now = self._now()

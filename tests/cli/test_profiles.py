@@ -290,6 +290,21 @@ class TestDrafted:
         assert command("profiles", "check", str(path)).out == f"{path}: no fault\n"
         assert command("profiles", "check", str(path), "--eds", str(vendor_file)).status == 0
 
+    def test_a_drive_with_positions_in_another_unit_is_scaled_right_in_a_run(
+        self, vendor_file: Path, tmp_path: Path, command: Command
+    ) -> None:
+        code = {"type": EdsType.UNSIGNED32, "access": "rw", "default": 0xFF41_0000}
+        vendor_file.write_text(eds_text(changed(load_eds(vendor_file), 0x60A8, **code)), encoding="utf-8")
+        path = tmp_path / "push1.toml"
+        assert command("profiles", "new", "--eds", str(vendor_file), "--output", str(path)).status == 0
+        assert 'unit = "0.1 deg"' in path.read_text(encoding="utf-8")
+        told = json.loads(command("run", "wall", "--drive", str(path), "--duration", "1", "--json").out)
+        assert told["torque_error"]["contact"] < 0.08
+        text = path.read_text(encoding="utf-8").replace("value = 0xFF410000", "value = 0x00B50000")
+        path.write_text(text, encoding="utf-8")
+        told = json.loads(command("run", "wall", "--drive", str(path), "--duration", "1", "--json").out)
+        assert told["torque_error"]["contact"] > 0.4, "a drive set to counts is told apart"
+
     def test_the_name_is_that_of_the_drive_or_the_one_that_is_given(
         self, vendor_file: Path, tmp_path: Path, command: Command, monkeypatch: pytest.MonkeyPatch
     ) -> None:

@@ -2,6 +2,7 @@
 
 import signal
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -179,3 +180,24 @@ def test_a_function_that_no_signal_interrupts() -> None:
         assert ending.signal == signal.SIGTERM
         with pytest.raises(KeyboardInterrupt):
             inside()
+
+
+class Noted:
+    """Something that is deleted by its last reference."""
+
+
+def test_a_callback_in_which_an_exception_would_be_lost_only_notes_the_signal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Struck(set[object]):
+        def discard(self, element: object) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    kept, whole = weakref.WeakSet[Noted](), Noted()
+    kept.add(whole)
+    kept.data = Struck(kept.data)  # type: ignore[attr-defined]
+    with ended_by_signals() as ending:
+        del whole
+        assert ending.signal == signal.SIGINT
+        with pytest.raises(KeyboardInterrupt):
+            ending.resume()

@@ -161,6 +161,10 @@ def round_trip_checks(node: int, times: list[float], asked: int, rate: float) ->
 #
 # Reference: CiA 301 7.2.4 (SDO), 7.2.8 (NMT), 7.5.2.1 (1000h), 7.5.2.7 (1008h), 7.5.2.21 (1018h).
 
+NOBODY_ANSWERS = (
+    "no node answered: check the power of the drives, the wiring, both 120 Ω terminators and the bit rate; run doctor "
+    "to check the adapter"
+)
 NOBODY = 0
 """Node-ID in the place of our own: a heartbeat of any node-ID may be that of a device."""
 NAME = 0x1008
@@ -191,7 +195,9 @@ def scan_bus(
         told = f"another master on {wire.name}: {words}. No requests were sent; the list shows received frames only"
         bases = {base + node: node for base in bus.FROM_A_NODE for node in NODES}
         alive = sorted({bases[can_id] for can_id in heard.frames if can_id in bases})
-        return Scan(wire.name, tuple(_with_state(node, states) for node in alive), heard.sentence(), told)
+        return Scan(
+            wire.name, tuple(_with_state(node, states) for node in alive), heard.sentence(), told, NOBODY_ANSWERS
+        )
     others: list[str] = []
     foreign = ForeignMaster(wire, one, others.append)
     answered = _answering(wire, bitrate, nodes)
@@ -203,7 +209,7 @@ def scan_bus(
         found[node] = _found(Node(wire, node, f"node {node}"), states.get(node), profiles)
     began = [] if foreign.cob_id is None else [f"another master on {wire.name}: {frame_words(foreign.cob_id)}"]
     in_order = tuple(found[node] for node in sorted(found))
-    return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]))
+    return Scan(wire.name, in_order, heard.sentence(), "; ".join([*began, *others]), NOBODY_ANSWERS)
 
 
 def _with_state(node: int, states: Mapping[int, int]) -> FoundNode:

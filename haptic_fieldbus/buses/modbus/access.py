@@ -152,6 +152,13 @@ MODEL_MATCHES = "likely: the model registers match the profile"
 REGISTERS_MATCH = "possible match: it has the registers of the profile, and none between them"
 
 
+CHECKED = {
+    True: "the power of the drive, the wiring, the baud rate, the parity and the unit id",
+    False: "the power of the drive, the address, the port and the unit id",
+}
+"""Checks for a serial line (True) or TCP (False) on which no unit answers."""
+
+
 def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[ModbusProfile]) -> Scan:
     """Ask these units who they are; `profiles` are those that may fit. Raises BusError."""
     try:
@@ -160,8 +167,10 @@ def scan_line(requester: Requester, units: Iterable[int], profiles: Sequence[Mod
         return Scan(requester.name, (), str(error), f"{error}; no requests were sent")
     asked = sorted(set(units))
     found = [found for unit in asked if (found := _found(requester, unit, profiles)) is not None]
-    told = f"Requested: unit {', '.join(str(unit) for unit in asked)}; others with --node, as in --node 1-8"
-    return Scan(requester.name, tuple(found), f"{listened}. {told}")
+    named = f"unit {', '.join(map(str, asked))}"
+    told = f"Requested: {named}; others with --node, as in --node 1-8"
+    silent = f"no answer from {named} on {requester.name}: check {CHECKED[requester.transport.serial]}"
+    return Scan(requester.name, tuple(found), f"{listened}. {told}", silent=silent)
 
 
 def _found(requester: Requester, number: int, profiles: Sequence[ModbusProfile]) -> FoundNode | None:

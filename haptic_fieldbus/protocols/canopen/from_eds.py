@@ -25,7 +25,13 @@ from haptic_fieldbus.protocols.canopen import eds_pdos, eds_values
 from haptic_fieldbus.protocols.canopen.eds_pdos import MAPPING, PROFILE_TORQUE, Lack, carries, records, torque_mode
 from haptic_fieldbus.protocols.canopen.eds_values import BY_KEY, OBJECTS, STEEPEST, USABLE, Use, number_of, value_at
 from haptic_fieldbus.protocols.canopen.pdo import Direction
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, LinkLossSection, PdoSection, SyncSection
+from haptic_fieldbus.protocols.canopen.profile import (
+    CanopenProfile,
+    LinkLossSection,
+    PdoSection,
+    SetupSection,
+    SyncSection,
+)
 
 POWERS = (-3, -4, -5, -6)
 """Powers of ten of the interpolation time period that are tried, the usual one first."""
@@ -72,6 +78,7 @@ def profile_from_eds(eds: Eds, mode: int | None = None) -> EdsProfile:
         position=None if velocity else cia402.PositionSection(_standard("position.actual", unit)),
         velocity=velocity,
         pdo=eds_pdos.pdo_section(eds),
+        setup=_setup(eds, velocity),
         sync=_sync(eds),
         link_loss=_link_loss(eds),
         # Usual figures for servo drives: an EDS has none. `sources_of` declares them as assumed.
@@ -129,6 +136,21 @@ def _velocity(eds: Eds) -> VelocitySection | None:
     if BY_KEY["position.actual"].index in eds or actual is None or unit is None:
         return None
     return VelocitySection(replace(actual, unit=unit))
+
+
+def _setup(eds: Eds, velocity: VelocitySection | None) -> SetupSection:
+    """Return the write of the object that names the unit of position or velocity; none for one that is fixed.
+
+    Such an object can be stored with another value than that of the file: the drive would be scaled wrong.
+    """
+    row = BY_KEY["position.actual.unit" if velocity is None else "velocity.actual.unit"]
+    entry, code = row.found(eds), (number_of(eds, row.index) or 0) & 0xFFFF_FFFF
+    type = eds_values.data_type(entry) if entry is not None else None
+    is_told = code in (eds_values.POSITION_UNIT_CODES if velocity is None else eds_values.VELOCITY_UNIT_CODES)
+    changes = Use.READ.permits(entry) and Use.WRITTEN.permits(entry)
+    if type is None or type.size != 4 or not (code and is_told and changes):
+        return SetupSection()
+    return SetupSection((WrittenObject(row.index, type, code if code <= type.limits[1] else code - (1 << 32)),))
 
 
 def _link_loss(eds: Eds) -> LinkLossSection:
@@ -194,6 +216,7 @@ def sources_of(profile: CanopenProfile, eds: Eds, lacks: tuple[Lack, ...]) -> di
             *_torque_sources(profile, eds, found),
             *_motion_sources(profile, eds, found),
             *_pdo_sources(profile.pdo, eds, found),
+            *(("setup.writes", f"{found}, [{each.object:04X}] DefaultValue") for each in profile.setup.writes),
             *_written_sources(profile, "sync", found),
             *_written_sources(profile, "link_loss", found),
             ("link_loss.deadline", "chosen here: short for a hand, long for the loop period"),
@@ -289,7 +312,7 @@ def _written_sources(profile: CanopenProfile, section: str, found: str) -> Itera
 
 # The TOML of a profile that is made from an EDS: a beginning, which says of each value where it comes from.
 
-SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "sync", "link_loss", "timing")
+SECTIONS = ("drive", "identity", "torque", "position", "velocity", "pdo", "setup", "sync", "link_loss", "timing")
 HEXADECIMAL = ("object", "heartbeat_consumer", "interpolation_time", "cycle_period", "vendor_id", "product_codes",
                "maps")  # fmt: skip
 """Keys whose numbers are written as in vendors' manuals."""
@@ -345,7 +368,7 @@ def _section(profile: EdsProfile, section: str) -> dict[str, str]:
         value, key = getattr(table, each.name), f"{section}.{each.name}"
         told = any(name == key or name.startswith(f"{key}.") for name in profile.sources)
         if value not in (None, ()) and (told or value != each.default):
-            found[each.name] = _toml(each.name, value)
+            found[each.name] = value_text(_plain(value), _CODES.get(key, _number), each.name)
     return found
 
 
@@ -368,6 +391,14 @@ def _number(key: str, number: int | float) -> str:
     if isinstance(number, float):
         return exactly(number)
     return f"0x{number:04X}" if key in HEXADECIMAL else str(number)
+
+
+def _code(key: str, number: int | float) -> str:
+    """Return a number of a table whose value is a code of four octets."""
+    return f"0x{number:08X}" if key == "value" and isinstance(number, int) and number >= 0 else _number(key, number)
+
+
+_CODES = {"setup.writes": _code}
 
 
 def _head(profile: EdsProfile, file: str, assumed: tuple[Assumption, ...]) -> Iterator[str]:

@@ -31,7 +31,7 @@ from haptic_fieldbus.sim.canopen.services.nmt import DRIVE, HEARTBEAT_ID
 from haptic_fieldbus.sim.canopen.services.process import Losses, ProcessData
 from haptic_fieldbus.sim.canopen.services.sdo import TIMEOUT_NS, SdoServer
 from haptic_fieldbus.sim.drive.core import Drive
-from haptic_fieldbus.sim.drive.dictionary import Dictionary
+from haptic_fieldbus.sim.drive.dictionary import Access, Dictionary, Entry
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 
@@ -325,6 +325,10 @@ def install_quirks(dictionary: Dictionary, profile: CanopenProfile, node: int) -
     for index in quirks.absent:
         dictionary.remove(index)
     install_described(dictionary, quirks.objects, node)
+    # A drive has the objects that its profile sets up; where nothing describes them they only store their values.
+    for each in profile.setup.writes:
+        if each.object not in dictionary and each.object not in quirks.absent and not isinstance(profile, EdsProfile):
+            dictionary.add(Entry(each.object, each.subindex, each.type, access=Access.RW))
     for index, value in ((0x6072, quirks.max_torque), (0x6502, quirks.supported_modes)):
         if value is not None and index in dictionary:
             dictionary.find(index).start_with(value)

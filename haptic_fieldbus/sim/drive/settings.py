@@ -5,6 +5,7 @@ Values that a rig leaves open (inertia, damping, rated torque) are those of the 
 
 import math
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from random import Random
 
 from haptic_fieldbus.drive import rig
@@ -159,11 +160,13 @@ def build_gains(profile: Cia402Profile, axis: rig.RigAxis, tick: float) -> Gains
 
 
 def build_units(profile: Cia402Profile, axis: rig.RigAxis, objects: Objects, dictionary: Dictionary) -> Units:
-    """Return the factor group of this drive, with its own unit of velocity if the profile names one."""
+    """Return the factor group of this drive, with its own units if the profile names some."""
     counts_per_radian = axis.encoder_counts_per_revolution / (2 * math.pi)
     unit = _own_velocity_unit(profile)
     own = rig.velocity_step(unit, axis.encoder_counts_per_revolution) if unit != rig.COUNTS_PER_SECOND else None
-    return Units(counts_per_radian, objects.table, dictionary, own)
+    position = profile.position.actual.unit if profile.position is not None else rig.COUNTS
+    angle = Fraction(1, 3600) if position == rig.TENTH_DEGREE else None
+    return Units(counts_per_radian, objects.table, dictionary, own, angle)
 
 
 def _own_velocity_unit(profile: Cia402Profile) -> str:

@@ -3,9 +3,10 @@
 Theory (CiA 402-2, 607Eh, 608Fh, 6091h, 6092h, 60A8h, 60A9h). Position [position units] = counts · feed constant /
 (encoder resolution · gear ratio). A velocity unit is one position unit a second, or the drive's own unit whatever the
 factors. A drive with 60A8h or 60A9h uses the units that these objects name. If 60A8h is an angle, the feed constant is
-the number of its units in a revolution; 60A9h refers to the motor. An acceleration unit is a position unit per second
-squared. Bit 7 of the polarity reverses positions, bit 6 velocities. In a drive without feed constant, positions are
-counts at the driving shaft: the feed constant is its encoder resolution.
+the number of its units in a revolution; 60A9h refers to the motor. A drive without 60A8h, or with 0 in it, may have an
+angle of its own as the unit. An acceleration unit is a position unit per second squared. Bit 7 of the polarity reverses
+positions, bit 6 velocities. In a drive without feed constant, positions are counts at the driving shaft: the feed
+constant is its encoder resolution.
 """
 
 import math
@@ -68,6 +69,8 @@ class Units:
     _dictionary: Dictionary
     _velocity_unit: float | None = None
     """The drive's own unit of velocity [rad/s], None when it follows from the factors."""
+    _position_unit: Fraction | None = None
+    """The drive's own unit of position [rev], None when it follows from the factors."""
     plain: bool = field(init=False)
     """Whether a position unit is a count."""
     angle: float = field(init=False)
@@ -100,7 +103,8 @@ class Units:
             (pair[0].value or 1, pair[1].value or 1) for pair in (self._resolution, self._gear, feed_constant)
         )
         polarity = self._polarity.value
-        if (unit := revolutions_of(self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF)) is not None:
+        code = self._dictionary.value(_POSITION_UNIT) & 0xFFFF_FFFF
+        if (unit := revolutions_of(code) if code else self._position_unit) is not None:
             feed, per = unit.denominator, unit.numerator
         self._numerator = feed * turns * shaft * (-1 if polarity & _POSITION_POLARITY else 1)
         self._denominator = per * counts * motor

@@ -48,6 +48,13 @@ def test_both_drives_are_found_with_identity_state_and_profile(two: TwoPrograms)
     assert None not in (epos.product_code, epos.revision, epos.serial)
 
 
+def test_where_no_node_answers_the_bus_is_to_be_checked(two: TwoPrograms) -> None:
+    found = scan_bus(two.wire, 0.0, 1_000_000, PROFILES, [20])
+    told = " ".join(word for row in found.rows() for word in row.note)
+    assert found.nodes == ()
+    assert "no node answered: check the power of the drives, the wiring, both 120 Ω terminators" in told
+
+
 @pytest.mark.parametrize(("bitrate", "room"), [(1_000_000, 1e-3), (50_000, 6e-3)])
 def test_nodes_are_asked_no_faster_than_the_bus_carries_their_answers(
     two: TwoPrograms, bitrate: int, room: float

@@ -48,6 +48,27 @@ def test_without_numbers_only_the_units_of_the_rig_are_asked() -> None:
         assert {frame[6] for frame in server.frames} == {1}
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("tcp", "the power of the drive, the address, the port and the unit id"),
+        pytest.param(
+            "rtu",
+            "the power of the drive, the wiring, the baud rate, the parity and the unit id",
+            marks=pytest.mark.thorough("listens to the serial line first"),
+        ),
+    ],
+)
+def test_where_no_unit_answers_the_units_and_what_to_check_are_told(line: str, told: str) -> None:
+    def sentences(server: Server, *units: int) -> list[str]:
+        found = ACCESS.scan(section_of(server.name), AXES, None, units)
+        return [sentence for row in found.rows() if row.label == "none" for sentence in row.note]
+
+    with LINES[line](Drive(unit=3)) as server:
+        assert sentences(server, 1, 2) == [f"no answer from unit 1, 2 on {server.name}: check {told}"]
+        assert sentences(server, 3) == []
+
+
 def test_a_unit_that_is_no_known_drive_is_found_all_the_same() -> None:
     with tcp_server(Drive()) as server:
         del server.drive.registers[STATUS]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from haptic_fieldbus.eds import DeviceInfo, Eds
+from haptic_fieldbus.eds import DeviceInfo, Eds, EdsType
 from haptic_fieldbus.protocols.canopen.from_eds import EdsProfile, draft_of, profile_from_eds
 from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
 from haptic_fieldbus.protocols.catalogue import load_profile
@@ -44,6 +44,7 @@ def check(profile: EdsProfile, folder: Path) -> None:
         without_member(without(generic(), 0x1801), 0x1601, 8),
         without(generic(), *range(0x1400, 0x1C00)),
         changed(generic(), 0x6502, default=0x008),
+        changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, access="rw", default=0xFF41_0000),
         replace(generic(), device=DeviceInfo(vendor_name='"A\\B"\x7f\t#', product_name="né = [x]")),
     ],
 )
@@ -62,6 +63,12 @@ def test_every_value_has_its_source_and_what_is_assumed_stands_at_the_top() -> N
     assert {"torque.target.unit", "torque.rated.unit", "timing.torque_bandwidth", "timing.control_period"} <= set(keys)
     assert [line.removeprefix("# - ").partition(" = ")[0] for line in head.splitlines() if " = " in line] == keys
     assert draft.known + len(draft.assumed) <= len(told)
+
+
+def test_the_code_of_a_unit_is_written_as_in_manuals() -> None:
+    eds = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, access="rw", default=0xFF41_0000)
+    text = draft_of(profile_from_eds(eds), "x.eds").text
+    assert '[setup]\nwrites = [{ object = 0x60A8, type = "uint32", value = 0xFF410000 }]\n' in text
 
 
 def test_the_draft_of_a_drive_without_torque_says_so_first() -> None:

@@ -218,6 +218,34 @@ def test_the_position_is_in_the_unit_of_60a8h(code: int | None, unit: str) -> No
     assert ("ASSUMED" in profile.sources["position.actual.unit"]) is (not code)
 
 
+@pytest.mark.parametrize(
+    ("given", "code"),
+    [
+        ({"default": 0xFF41_0000}, 0xFF41_0000),
+        ({"default": -0x00BF_0000}, 0xFF41_0000),
+        ({"default": 0x00B5_0000}, 0x00B5_0000),
+        ({"default": 0}, None),
+        ({"default": 0x0001_0000}, None),
+        ({"default": 0xFF41_0000, "access": "ro"}, None),
+        ({"default": 0xFF41_0000, "access": "wo"}, None),
+        ({"default": 0xFF41_0000, "type": EdsType.UNSIGNED16}, None),
+    ],
+)
+def test_the_unit_of_position_that_the_file_names_is_set_up(given: dict[str, object], code: int | None) -> None:
+    eds = changed(generic(), 0x60A8, **{"type": EdsType.UNSIGNED32, "access": "rw", **given})
+    profile = profile_from_eds(eds)
+    written = () if code is None else (WrittenObject(0x60A8, DataType.UINT32, code),)
+    assert profile.setup.writes == written
+    assert ("setup.writes" in profile.sources) is bool(written)
+
+
+def test_the_unit_of_velocity_is_set_up_where_no_position_is_read() -> None:
+    eds = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, access="rw", default=0xFF41_0000)
+    eds = changed(eds, 0x60A9, type=EdsType.UNSIGNED32, access="rw", default=0x00B4_4700)
+    assert profile_from_eds(without(eds, 0x6064)).setup.writes == (WrittenObject(0x60A9, DataType.UINT32, 0xB4_4700),)
+    assert [each.object for each in profile_from_eds(eds).setup.writes] == [0x60A8]
+
+
 def test_a_position_in_another_unit_is_refused() -> None:
     metres = changed(generic(), 0x60A8, type=EdsType.UNSIGNED32, default=0x0001_0000)
     (refused,) = refusals(metres)

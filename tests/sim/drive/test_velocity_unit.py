@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from haptic_fieldbus.drive.cia402 import MappedObject, VelocitySection
+from haptic_fieldbus.drive.cia402 import MappedObject, PositionSection, VelocitySection, WrittenObject
 from haptic_fieldbus.drive.profile import DataType
 from haptic_fieldbus.eds import EdsType
 from haptic_fieldbus.protocols.canopen.from_eds import profile_from_eds
-from haptic_fieldbus.protocols.canopen.profile import CanopenProfile
+from haptic_fieldbus.protocols.canopen.profile import CanopenProfile, SetupSection
 from haptic_fieldbus.sim.drive.settings import DriveSettings
 from tests.eds.sheets import changed, generic
 from tests.sim.bench import MS, DriveBench, Refusal, axis, profile
@@ -66,6 +66,18 @@ def test_a_drive_that_offers_velocity_only_shows_no_position() -> None:
 def test_its_second_tpdo_carries_the_velocity_after_power_on() -> None:
     bench = turning("rpm", 0.0, position=False)
     assert [bench.read(0x1A01, subindex) for subindex in (1, 2)] == [0x6041_0010, 0x606C_0020]
+
+
+@pytest.mark.parametrize("writes", [(), (WrittenObject(0x60A8, DataType.UINT32, 0xFF41_0000),)])
+def test_6064h_is_in_the_unit_of_a_profile_that_describes_no_60a8h(writes: tuple[WrittenObject, ...]) -> None:
+    unit = PositionSection(MappedObject(0x6064, DataType.INT32, unit="0.1 deg"))
+    described = replace(profile(), position=unit, setup=SetupSection(writes))
+    free = axis(viscous_damping=0.0, coulomb_friction=0.0)
+    bench = DriveBench(described, free, settings=DriveSettings(velocity=4 * math.pi))
+    for each in writes:
+        assert bench.write(each.object, each.subindex, each.value, "I") is None
+    bench.run(1000 * MS)
+    assert read(bench, 0x6064) == pytest.approx(7200, abs=1)
 
 
 def of_a_file(speed: float = 0.0, **codes: int) -> DriveBench:
