@@ -227,6 +227,18 @@ def test_without_a_person_only_yes_enables_a_drive() -> None:
         module.ask("about to enable torque\nEnable?")
 
 
+@pytest.mark.parametrize(("words", "status"), [(("run", "wall", *SHORT), 0), (("rehearse",), 2)])
+def test_a_closed_standard_input_is_no_terminal(
+    words: tuple[str, ...], status: int, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    finished = command(*words)
+    assert finished.status == status
+    assert finished.err == ("" if status == 0 else "no terminal to confirm on; add --yes\n")
+    with pytest.raises(UsageError, match="--yes"):
+        module.ask("about to enable torque\nEnable?")
+
+
 def test_what_yes_answers_is_printed_with_the_answer_in_place_of_the_question(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
