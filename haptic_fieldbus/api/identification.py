@@ -16,11 +16,12 @@ import numpy as np
 from haptic_fieldbus.api import Trial, prepare_run, stability
 from haptic_fieldbus.assessing.looking_back import shaft_record_of
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.safety import TripKind
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.edits import table_text, table_values, write_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError, raise_all
-from haptic_fieldbus.identification import Announcement, IdentifiedBench, interval_text
+from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
@@ -58,8 +59,6 @@ MARGIN = 0.06
 """Part of the travel at each of its ends that an experiment does not plan to use."""
 COUNTS_OF_NOISE = 3.0
 """Counts in a period that a coarse encoder may show beyond the motion; the run would trip at such a speed."""
-GUARDED = 0.9
-"""Share of the announced speed at which a run trips, and that an experiment plans with: a speed is seen late."""
 FADE_IN = 0.2
 """[s]"""
 LONGEST = 300.0
@@ -89,7 +88,7 @@ class BenchTask:
     effort: float | None = None
     """Largest effort [N or N·m]; None: a quarter of the rated effort."""
     speed: float | None = None
-    """Largest speed [m/s or rad/s]; None: four travels a second."""
+    """Largest speed [m/s or rad/s], at 0.9 of which a run trips; None: four travels a second and `COUNTS_OF_NOISE`."""
     with_mass: float | None = None
     """Known mass that was fixed to a linear handle after the last measurement [kg]; the rig is then only checked."""
     with_inertia: float | None = None
@@ -120,6 +119,20 @@ class MeasuringLaw:
 
     def linearised(self) -> StateSpace:
         return gain([[0.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class IdentifyingLaw(MeasuringLaw):
+    """The law of an experiment of `identify`, whose own options bound the motion."""
+
+    def remedy(self, kind: TripKind) -> str:
+        """Return the advice on a trip of this kind; empty where that of every run is right."""
+        free, limits = "Keep hands off the handle. If it was free:", f"axis.{self.axis}.limits"
+        return {
+            TripKind.SPEED: f"{free} lower --effort, or raise --speed, up to {limits}.speed of the rig.",
+            TripKind.POWER: f"{free} lower --effort or --speed, or raise {limits}.power in the rig.",
+            TripKind.POSITION: f"{free} lower --effort, or raise --travel, up to {limits}.position of the rig.",
+        }.get(kind, "")
 
 
 def identify(
@@ -209,7 +222,7 @@ class _Bench:
         self.without, self.added = _without_mass(task, self._name, rig.axis[self._name], earlier)
         self.serial: int | None = None
         self.announced = told = _announced(task, self.planned, plan.period)
-        speed, travel = GUARDED * told.speed, told.high - told.low
+        speed, travel = told.guarded_speed, told.high - told.low
         limits = replace(axis.limits, position=(told.low, told.high), speed=speed, effort=told.effort)
         # The bounds of the experiments follow from what a person stated and knows.
         self._bounded = replace(axis, limits=limits, i_know=(*axis.i_know, "limits.effort", "limits.speed"))
@@ -224,7 +237,7 @@ class _Bench:
         return Scene(NAME, title, (SceneAxis(self._name, self.axis.mechanism.workspace),), (element,))
 
     def _task_with(self, axis: RigAxis, experiment: Experiment, effort: float) -> Task:
-        scene = self._scene("Measures the bench", MeasuringLaw(self._name, experiment, effort))
+        scene = self._scene("Measures the bench", IdentifyingLaw(self._name, experiment, effort))
         rig, task = replace(self.rig, axis={self._name: axis}), self._task
         return Task(scene, rig, rate=task.rate, bus=task.bus, profiles=task.profiles)
 

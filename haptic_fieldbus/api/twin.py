@@ -17,7 +17,7 @@ from haptic_fieldbus.api.arguments import check_values
 from haptic_fieldbus.api.identification import told_by
 from haptic_fieldbus.api.provenance import repeated
 from haptic_fieldbus.drive.profile import PowerState
-from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Mechanics, Rig, RigAxis, default_axis
+from haptic_fieldbus.drive.rig import MECHANICAL, BusSection, Identified, Mechanics, Rig, RigAxis, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification.estimates import UNITS
@@ -146,7 +146,7 @@ def twin(
     changed, unknown = _compared(own, kept, fit) if is_twin else ([], [])
     left = f"the model leaves {rounded(fit.residual)} counts unexplained: cogging, play, a weight on a lever, Stribeck "
     more = [f"{left}friction, an elastic coupling or another hand are not in it"] * (fit.residual > EXPLAINED)
-    bench = replace(base, axis={**base.axis, name: fitted}, source="")
+    bench = replace(base, bus=_buses(base, plan), axis={**base.axis, name: fitted}, source="")
     return BenchTwin(str(found.path), name, held, fit, bench, is_twin, tuple(changed), tuple(unknown), tuple(more))
 
 
@@ -212,6 +212,19 @@ def _holding(name: str, axis: AxisPlan, fade_in: float) -> tuple[HoldingHand, fl
 def _scales(torque: float, counts: float) -> dict[str, float]:
     """Return true values over those that counts and torque of the rig show."""
     return dict(zip(KEPT, (torque * counts, torque * counts, torque, 1.0), strict=True))
+
+
+def _buses(base: Rig, plan: Plan) -> dict[str, BusSection]:
+    """Return the buses of the twin: those of the rig, and after a simulated run those that were simulated.
+
+    Values of a simulated run never count on a real bus, so the twin has none on which it could run by mistake.
+    """
+    buses = dict(base.bus)
+    for name, run in plan.rig.bus.items() if plan.simulated else ():
+        own = buses.get(name)
+        if own is not None and own.protocol == run.protocol:
+            buses[name] = type(own)(**vars(run))  # of the class that a file gives: it stands for no real bus
+    return buses
 
 
 def _simulation(fit: RunFit, own: RigAxis, axis: AxisPlan) -> Mechanics:

@@ -1,5 +1,6 @@
 """Table of errors: the exit status of each, and the word in front of its message."""
 
+import errno
 import sys
 from dataclasses import dataclass
 
@@ -34,13 +35,26 @@ def outcome_of(error: type[errors.HapticFieldbusError]) -> ExitStatus:
     return next((OUTCOMES[kind] for kind in error.__mro__ if kind in OUTCOMES), ExitStatus(1, "failed"))
 
 
+DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Causes by which a file that is right cannot be written: a full or broken disk, or a limit of the file size."""
+
+
+def told_as(error: BaseException) -> type[errors.HapticFieldbusError]:
+    """Return the class by which an error is told: a disk that failed is no wrong usage, although its path is named."""
+    if not isinstance(error, errors.HapticFieldbusError):
+        return errors.UsageError
+    cause = error.__cause__
+    has_disk_failed = isinstance(cause, OSError) and cause.errno in DISK_FAILED
+    return errors.HapticFieldbusError if has_disk_failed and isinstance(error, errors.UsageError) else type(error)
+
+
 TYPER_ERROR: type[BaseException] = typer.BadParameter.__mro__[2]
 """Base of Typer's errors for a wrong command line: a class of Click, or in later versions a class of Typer."""
 
 
 def print_object(error: BaseException) -> None:
     """Print a failure as one JSON object in one line: class, exit status, and the faults as `profiles check` does."""
-    kind = type(error) if isinstance(error, errors.HapticFieldbusError) else errors.UsageError
+    kind = told_as(error)
     if isinstance(error, errors.DocumentError):
         faults = faults_to_json((error.source, fault) for fault in error.faults)
     else:
@@ -51,7 +65,7 @@ def print_object(error: BaseException) -> None:
 
 def tell(error: errors.HapticFieldbusError) -> int:
     """Print the error's message and notes to standard error, and return the exit status."""
-    outcome = outcome_of(type(error))
+    outcome = outcome_of(told_as(error))
     # The sentence on a trip begins with the word that is the key.
     message = str(error).removeprefix("Tripped ") if outcome.key == "tripped" else str(error)
     lines = [*message.splitlines(), *getattr(error, "__notes__", ())]

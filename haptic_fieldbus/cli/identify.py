@@ -8,6 +8,7 @@ import json
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,12 +27,13 @@ from haptic_fieldbus.cli.options import (
     check_plot,
     draw,
     given_by,
+    not_written,
     note_bitrate,
     option,
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.output import never_wait
+from haptic_fieldbus.cli.output import asks_at_terminal, never_wait
 from haptic_fieldbus.cli.run import ask, instruct, tell_question
 from haptic_fieldbus.cli.screen import plain, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_SEED
@@ -57,7 +59,10 @@ class IdentifyOptions:
         "M", "Travel of the handle in m or rad.", RENDERING, told="that of the rig, or a turn of the motor"
     )
     effort: float | None = option_field("N", "Largest force in N or N·m.", RENDERING, told="25 % of rated torque")
-    speed: float | None = option_field("M/S", "Largest speed in m/s or rad/s.", RENDERING, told="four travels a second")
+    speed: float | None = option_field(
+        "M/S", "Largest speed in m/s or rad/s; the motor is switched off at 0.9 of it.", RENDERING,
+        told="four travels a second, and 3 counts of the encoder in a period",
+    )  # fmt: skip
     with_mass: float | None = option_field(
         "KG", "Check the rig by a known mass, fixed to a linear handle since the last run.", RENDERING
     )
@@ -100,14 +105,14 @@ def identify(options: IdentifyOptions) -> None:
     if options.plot is not None:
         from haptic_fieldbus.report.analysis_plots import draw_identified
 
-        draw(options.plot, draw_identified(found), mark)
+        draw(options.plot, draw_identified(found), mark, found)
         if not options.as_json:
             show([("plot", str(options.plot))])
 
 
 def _dialogue(options: "IdentifyOptions | CertifyOptions") -> dict[str, Any]:
     """Return how a person is asked and instructed, as arguments of the API; without one the output never waits."""
-    if not sys.stdin.isatty():
+    if not asks_at_terminal():
         never_wait()
     is_guided = not options.yes and sys.stderr.isatty()
     return {"confirm": tell_question if options.yes else ask, "instruct": instruct if is_guided else None}
@@ -191,14 +196,15 @@ def certify(options: CertifyOptions) -> None:
     from haptic_fieldbus.api.certification import certify as raise_stiffness
     from haptic_fieldbus.api.provenance import picture_mark
 
-    check_plot(options.plot)
+    check_plot(options.plot, "out")
     values = None if options.plot is None else options.plot.with_suffix(".json")
     check_new(values)
     note_bitrate(options.bus)
     mark = "" if options.plot is None else picture_mark(files=[options.rig] if options.rig else [])
+    in_person = None if options.yes or not asks_at_terminal() else ask
     found = raise_stiffness(
         CertifyTask(options.task(), options.by_hand, options.share, options.seed), **_dialogue(options),
-        above=tell_question if options.above else None if options.yes or not sys.stdin.isatty() else ask,
+        above=partial(tell_question, answer="Confirmed by --above.") if options.above else in_person,
         announce=lambda told: _announce(told, options),
         progress=lambda stiffness, unit: _show_progress("tapping", in_unit(stiffness, unit)),
     )  # fmt: skip
@@ -208,8 +214,8 @@ def certify(options: CertifyOptions) -> None:
     if options.plot is not None and values is not None:
         from haptic_fieldbus.report.plot import draw_certificate
 
-        draw(options.plot, draw_certificate(found), mark)
-        write_new(values, json.dumps(plain(certificate), indent=2) + "\n")
+        draw(options.plot, draw_certificate(found), mark, found)
+        write_new(values, json.dumps(plain(certificate), indent=2) + "\n", found)
         if not options.as_json:
             show([("out", f"{options.plot}, {values.name}")])
 
@@ -223,9 +229,9 @@ def check_new(out: Path | None) -> None:
     raise_all(file_faults("out", out, () if out is None else (out.suffix,)))
 
 
-def write_new(out: Path, text: str) -> None:
-    """Write a file; raises UsageError when it cannot be written."""
+def write_new(out: Path, text: str, result: object = None) -> None:
+    """Write a file that was checked before; raises HapticFieldbusError, with a `result` that was printed already."""
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(f'out "{out}": {error.strerror}') from error
+        raise not_written("out", out, error, result) from error

@@ -28,7 +28,7 @@ from haptic_fieldbus.defaults import (
     DEFAULT_RATE,
     DEFAULT_SEED,
 )
-from haptic_fieldbus.errors import UsageError, raise_all
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError, raise_all
 from haptic_fieldbus.numerals import exactly
 
 if TYPE_CHECKING:
@@ -309,24 +309,34 @@ def note_bitrate(bus: str | None) -> None:
 # Option `--plot`: checked before a command does anything, drawn when it is done.
 
 
-def check_plot(path: Path | None) -> None:
+def check_plot(path: Path | None, name: str = "plot") -> None:
     """Check that the picture can be drawn and its file written; call it before anything moves.
 
-    Raises UsageError that lists all faults.
+    `name` is that of the option. Raises UsageError that lists all faults.
     """
     from haptic_fieldbus.planning.request import PLOT_SUFFIXES, file_faults
 
-    wrong = file_faults("plot", path, PLOT_SUFFIXES)
+    wrong = file_faults(name, path, PLOT_SUFFIXES)
     if path is not None and find_spec("matplotlib") is None:
-        wrong.append("--plot needs matplotlib; in a checkout, run: pip install -e '.[plot]'")
+        wrong.append(f"--{name} needs matplotlib; in a checkout, run: pip install -e '.[plot]'")
     raise_all(wrong)
 
 
-def draw(path: Path, figure: "Figure", mark: str) -> None:
-    """Write a picture with the mark of its provenance; raises UsageError when the file cannot be written."""
+def draw(path: Path, figure: "Figure", mark: str, result: object = None) -> None:
+    """Write a picture with the mark of its provenance into a file that was checked before.
+
+    Raises HapticFieldbusError when it cannot be written, with a `result` that was printed already.
+    """
     from haptic_fieldbus.report.drawing import save
 
     try:
         save(figure, path, mark)
     except OSError as error:
-        raise UsageError(f'plot "{path}": {error.strerror}') from error
+        raise not_written("plot", path, error, result) from error
+
+
+def not_written(option: str, path: Path, error: OSError, result: object = None) -> HapticFieldbusError:
+    """Return the error for a file that was checked before the command and cannot be written after it."""
+    found = HapticFieldbusError(f'{option} "{path}": cannot be written: {error.strerror or error}')
+    found.result = result
+    return found

@@ -186,6 +186,11 @@ def behind(stream: TextIO) -> bool:
     return raw is not None and raw.behind
 
 
+def asks_at_terminal() -> bool:
+    """Return whether standard input is a terminal, so that a person can answer; it may have been closed before."""
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
 def never_wait() -> None:
     """Let no reader of standard output and standard error hold up this command from now on."""
     for raw in filter(None, map(_under, (sys.stdout, sys.stderr))):

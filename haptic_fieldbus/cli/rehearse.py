@@ -11,7 +11,7 @@ import typer
 
 from haptic_fieldbus.cli.bench import look
 from haptic_fieldbus.cli.options import BENCH, OUTPUT, RENDERING, SceneOptions, check_plot, option_field, options_of
-from haptic_fieldbus.cli.output import never_wait
+from haptic_fieldbus.cli.output import asks_at_terminal, never_wait
 from haptic_fieldbus.cli.run import instruct, run_and_tell
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.cli.simulate import check_free, write
@@ -54,7 +54,7 @@ def rehearse(options: RehearseOptions) -> None:
     from haptic_fieldbus.api.bench import BenchRequest
     from haptic_fieldbus.api.rehearsal import rehearsal
 
-    if not sys.stdin.isatty():
+    if not asks_at_terminal():
         if not options.yes:
             raise UsageError("no terminal to confirm on; add --yes")
         never_wait()

@@ -17,7 +17,7 @@ from haptic_fieldbus.cli.options import (
     option_field,
     options_of,
 )
-from haptic_fieldbus.cli.output import never_wait
+from haptic_fieldbus.cli.output import asks_at_terminal, never_wait
 from haptic_fieldbus.cli.screen import ProgressBar, print_json, show
 from haptic_fieldbus.cli.view import LOOPBACK, VIEWED_DURATION, viewed
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError
@@ -42,7 +42,7 @@ def run(options: RunOptions) -> None:
 
     options.check_source()
 
-    if not sys.stdin.isatty():  # a person at a terminal is to see the plan and the question
+    if not asks_at_terminal():  # a person at a terminal is to see the plan and the question
         never_wait()
     # Every option is checked before the first bus is opened.
     check_plot(options.plot)
@@ -138,15 +138,10 @@ def _run_and_tell(options: SceneOptions, task: "Task", trial: "Trial", repeats: 
     if trial.live is not None and not trial.live.goes_on:
         trial.live.end({"text": result.stopped.message if result.stopped else "its duration is over"})
     _tell(result, options)
-    if options.plot is not None:
-        from haptic_fieldbus.report.plot import draw_run
-
-        draw(options.plot, draw_run(result), result.provenance.mark if result.provenance else "")
-        if not options.as_json:
-            show([("plot", str(options.plot))])
     if result.recording_fault is not None:
-        sys.stdout.flush()
         show([("failed", f"the recording is incomplete: {result.recording_fault}")], sys.stderr)
+    _draw(result, options)
+    if result.recording_fault is not None:
         raise typer.Exit(1)
 
 
@@ -172,7 +167,7 @@ def ask(text: str) -> bool:
     """
     *warning, question = text.splitlines()
     show([(None, line) for line in warning], sys.stderr)
-    if not sys.stdin.isatty():
+    if not asks_at_terminal():
         raise UsageError("no terminal to confirm on; add --yes")
     try:
         return typer.confirm(question, default=False, err=True)
@@ -188,17 +183,18 @@ def instruct(text: str) -> None:
     sys.stderr.flush()
 
 
-def tell_question(text: str) -> bool:
-    """Print the question that `--yes` answers, because it contains the traffic heard and the coming steps."""
-    show([(None, line) for line in text.splitlines()], sys.stderr)
+def tell_question(text: str, answer: str = "Enabled by --yes.") -> bool:
+    """Print a warning, because it contains the traffic heard and the coming steps, and the answer to its last line."""
+    *warning, _ = text.splitlines()
+    show([(None, line) for line in (*warning, answer)], sys.stderr)
     return True
 
 
 @contextmanager
 def _partial_result(duration: float, options: SceneOptions) -> Iterator[None]:
-    """Print the partial result of a run that failed or was stopped early, as lines or as the JSON object.
+    """Print the partial result of a run that failed or was stopped early, as lines or as the JSON object, and draw it.
 
-    The error goes on.
+    The error goes on, and its message is the last one.
     """
     with ended_by_signals() as ending:
         try:
@@ -206,6 +202,7 @@ def _partial_result(duration: float, options: SceneOptions) -> Iterator[None]:
         except HapticFieldbusError as error:
             if error.result is not None:
                 _tell(cast("Result", error.result), options)
+                _draw_partial(cast("Result", error.result), options)
             raise
         except KeyboardInterrupt as early:
             from haptic_fieldbus.assessing.loop_report import LoopReport
@@ -227,6 +224,29 @@ def _tell(result: "Result", options: SceneOptions) -> None:
 
         show(outcome(result, verbose=options.verbose))
     sys.stdout.flush()
+
+
+def _draw(result: "Result", options: SceneOptions) -> None:
+    """Draw a result that was printed, if there is a path for its picture; raises HapticFieldbusError."""
+    if options.plot is None:
+        return
+    from haptic_fieldbus.report.plot import draw_run
+
+    draw(options.plot, draw_run(result), result.provenance.mark if result.provenance else "", result)
+    if not options.as_json:
+        show([("plot", str(options.plot))])
+        sys.stdout.flush()
+
+
+def _draw_partial(result: "Result", options: SceneOptions) -> None:
+    """Draw the result of a run that failed, without an error of its own: that of the run comes next."""
+    if options.plot is not None and not result.traces:
+        show([("plot", "not drawn: the drive was not enabled")], sys.stderr)
+        return
+    try:
+        _draw(result, options)
+    except HapticFieldbusError as error:
+        show([("failed", str(error))], sys.stderr)
 
 
 # Command `demo`: a run for the first minute.

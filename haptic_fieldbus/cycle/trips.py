@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
+from typing import Protocol, runtime_checkable
 
 from haptic_fieldbus import errors
 from haptic_fieldbus.cycle.laws import Sensed, field_of, summed
@@ -100,6 +101,14 @@ def failed_in(trip: Trip, error: Exception, scene: Scene) -> Trip:
     return replace(trip, axis=axis, detail=f"{fault.key}: {fault.message} ({place})")
 
 
+@runtime_checkable
+class Remedying(Protocol):
+    """An element of a command whose options bound the motion, and change what a trip is about."""
+
+    def remedy(self, kind: TripKind) -> str:
+        """Return the advice on a trip of this kind, as sentences; empty where the usual one is right."""
+
+
 def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.HapticFieldbusError:
     """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled."""
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
@@ -108,6 +117,8 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.Hapt
         advice += (
             " Without a rig file it is that of the shipped bench; simulate --write-rig FILE writes one to widen it."
         )
+    remedies = (each.remedy(trip.kind) for each in axis.elements if isinstance(each, Remedying))
+    advice = next(filter(None, remedies), advice)
     if len(plan.axes) > 1:
         cause = f"axis {trip.axis}: {cause}"
     if trip.kind is TripKind.START_FORCE:

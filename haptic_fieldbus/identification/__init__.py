@@ -13,6 +13,8 @@ from haptic_fieldbus.signals import Workspace
 NOTICED = 0.01
 """Stribeck friction, and torques that repeat with the angle, are told from this share of the Coulomb friction on:
 rounding to counts looks like less."""
+GUARDED = 0.9
+"""Share of the announced speed at which a run trips, and that an experiment plans with: a speed is seen late."""
 NOT_CHECKED = (
     "not checked: a wrong torque constant, gear or number of counts makes the values wrong, and no motion shows it; "
     "fix a known mass to the handle and repeat with --with-mass or --with-inertia"
@@ -29,6 +31,7 @@ class Announcement:
     high: float
     """Travel [m or rad]."""
     speed: float
+    """Largest speed of the handle [m/s or rad/s]; a run trips below it."""
     effort: float
     torque: float
     """The effort at the motor shaft [N·m]."""
@@ -42,6 +45,11 @@ class Announcement:
     skipped: Collection[str] = ()
     """Names of `experiment.PARTS` that are left out."""
 
+    @property
+    def guarded_speed(self) -> float:
+        """Speed at which a run trips [m/s or rad/s]."""
+        return GUARDED * self.speed
+
     def lines(self) -> Iterator[str]:
         """Yield what will move, how far, how fast and how strongly."""
         length, effort = self.workspace.length_unit, self.workspace.effort_unit
@@ -50,7 +58,7 @@ class Announcement:
         begin = place if self.from_start else "by the rig's zero"
         yield f"axis {self.axis}: the handle moves by itself, from {low} to {high} {begin}; keep hands off"
         most = f"{in_unit(self.effort, effort)} ({percent(self.share)} of rated torque)"
-        yield f"at most {most} and {in_unit(self.speed, f'{length}/s')}; beyond these the motor is switched off"
+        yield f"at most {most} and {in_unit(self.guarded_speed, f'{length}/s')}; beyond these the motor is switched off"
         if self.pulses:
             yield (
                 f"before that, pulses of up to {in_unit(self.pulses, effort)} test the motor direction, as in every "

@@ -45,6 +45,8 @@ GENTLY = {"shortest": 0.3, "share": 0.4}
 """How the handle is led to the contact and back: shortest time [s], and share of the largest speed."""
 NEAR = 0.9
 """Share of the lower end of the onset above which friction, and not damping, may have stopped the swings."""
+BEFORE = "an oscillation before"
+"""Which swing another one is compared with: to the same side, one period of the oscillation earlier."""
 WELL_DAMPED = 0.9
 """Largest growth per period of a contact that is called well damped."""
 AGREES = 0.05
@@ -206,7 +208,7 @@ class TappedContact:
     def text(self, unit: str) -> str:
         """Return the stiffness and its growth in words."""
         none = "no swing was large enough" if self.growth is None else "no second swing"
-        growth = f"growth {rounded(self.growth)} per period" if self.growth else none
+        growth = f"each swing at most {rounded(self.growth)} of the one {BEFORE}" if self.growth else none
         return f"{in_unit(self.stiffness, unit)}: {growth}, {'taps by hand' if self.by_hand else f'{TAPS} pulses'}"
 
     @property
@@ -270,7 +272,8 @@ class Certificate:
         yield OutputRow("contact", [f"{self.element} of the scene {self.scene}"], "scene", self.scene)
         yield OutputRow("tapped", [each.text(unit) for each in self.contacts], detail=True)
         text = "no stiffness" if seen is None else in_unit(seen, unit)
-        yield OutputRow("seen", [f"{text} well damped (growth per period at most {WELL_DAMPED})"], "seen", seen)
+        damped = f"each swing at most {WELL_DAMPED} of the one {BEFORE}"
+        yield OutputRow("seen", [f"{text} well damped ({damped})"], "seen", seen)
         text, onset = "not told by these taps", None
         if found is not None:
             ends = {"value": found.value, "low": found.low, "high": found.high}

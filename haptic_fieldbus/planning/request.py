@@ -186,12 +186,12 @@ def file_faults(option: str, path: Path | None, suffixes: Sequence[str]) -> list
         return [f'{option} "{path}": the suffix must be one of {", ".join(suffixes)}']
     if not path.parent.is_dir():
         return [f'{option} "{path}": no folder {path.parent}']
-    # Opening to append tests the permissions without changing an existing file.
-    real = Path(os.path.realpath(path))  # a link stays
-    existed = real.exists()
-    if real.is_fifo():  # opening it would wait for a reader
-        return [f'{option} "{path}": it is a FIFO; expected a regular file']
     try:
+        real = Path(os.path.realpath(path))  # a link stays; raises OSError in a working folder that was removed
+        existed = real.exists()
+        if real.is_fifo():  # opening it would wait for a reader
+            return [f'{option} "{path}": it is a FIFO; expected a regular file']
+        # Opening to append tests the permissions without changing an existing file.
         real.open("ab").close()
     except OSError as error:
         return [f'{option} "{path}": cannot be written: {error.strerror}']

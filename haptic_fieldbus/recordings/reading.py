@@ -240,6 +240,7 @@ def _csv(path: Path) -> RecordedRun:
     head, _, body = whole.partition("\n")
     names = head.rstrip("\r").split(",")
     if names[0] != "t_ns" or len({*names}) < len(names):
+        head, *_ = (head or octets.decode("utf-8-sig")).splitlines() or [""]  # also of a row without an end
         raise UsageError(f'{path}: row 1: "{head[:40]}"; expected names of columns, each once, the first of them t_ns')
     table, expected = _numbers(body, len(names)), f"expected {len(names)} numbers"
     if table is None:  # numpy counts other lines than an editor, and skips an empty one

@@ -438,7 +438,9 @@ def save(drawn: Figure, path: FilePath, description: str = "") -> None:
     words = {"Software": "haptic-fieldbus", CONTENT: json.dumps(content(drawn))} if path.suffix == ".png" else {}
     if description:
         words["Subject" if path.suffix == ".pdf" else "Description"] = description
-    drawn.savefig(path, metadata=words)
+    whole = BytesIO()  # so that a file which cannot be written has one kind of error in all formats
+    drawn.savefig(whole, format=path.suffix[1:], metadata=words)
+    path.write_bytes(whole.getvalue())
 
 
 def with_description(document: str, description: str) -> str:

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure, SubFigure
 
 from haptic_fieldbus.assessing.loop_report import PeriodTimes
 from haptic_fieldbus.assessing.result import Array, Result, Trace
-from haptic_fieldbus.identification.certificate import WELL_DAMPED, Certificate
+from haptic_fieldbus.identification.certificate import BEFORE, WELL_DAMPED, Certificate
 from haptic_fieldbus.margins import Stability
 from haptic_fieldbus.numerals import exactly, in_unit, lines_of, percent, rounded_limit
 from haptic_fieldbus.planning.refusal import CAVEATS
@@ -169,8 +169,11 @@ def draw_run(result: Result) -> Figure:
 
 
 def headline(result: Result) -> tuple[str, str]:
-    """Return the verdict in a few words and a number, and the rest of it; the name of the scene without a verdict."""
-    verdict = result.verdict or result.scene
+    """Return the verdict in a few words and a number, and the rest of it.
+
+    Without a verdict it is the trip of the run, or the name of the scene.
+    """
+    verdict = result.verdict or next((trip.message for trip in result.trips), result.scene)
     for axis in result.plan.axes if result.plan and verdict.startswith("Unstable") else ():
         found, unit = axis.stability, parameter_units(axis.workspace)["stiffness"]
         if found is not None and found.stiffness is not None and found.stiffness_limit.stable is not None:
@@ -435,5 +438,6 @@ def draw_certificate(found: Certificate) -> Figure:
     panel.set_ylim(0.0, 1.1)
     panel.set_xlim(0.0, 1.05 * max(panel.get_xlim()[1], found.predicted if math.isfinite(found.predicted) else 0.0))
     panel.legend(loc="lower center", edgecolor="none", framealpha=1.0)
-    dress(panel, "each swing of the contact beside the one before", f"stiffness [{found.unit}]", "growth per period")
+    ratio = f"swing over the one {BEFORE} [1]"
+    dress(panel, f"each swing of the contact beside the one {BEFORE}", f"stiffness [{found.unit}]", ratio)
     return drawn

@@ -13,7 +13,7 @@ import numpy as np
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Truth
-from haptic_fieldbus.assessing.result import Proof, Result, Right, known_before
+from haptic_fieldbus.assessing.result import Proof, Result, Right, Trace, known_before
 from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, Run, notices
 from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
@@ -21,6 +21,7 @@ from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import percent, rounded
+from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.known_bench import check_measured_drive
@@ -163,7 +164,8 @@ class Session:
             ending.hold()
             report.interrupted = True
             stopped = ending.stopped(report, duration)
-            result = self._told_with(replace(known_before(plan, self.bus_name, report), stopped=stopped))
+            known = replace(known_before(plan, self.bus_name, report), traces=_traces(plan, record, report))
+            result = self._told_with(replace(known, stopped=stopped))
             if UNCONFIRMED not in getattr(early, "__notes__", ()):
                 return result
             unconfirmed = BusError(UNCONFIRMED)
@@ -174,6 +176,7 @@ class Session:
             known = known_before(plan, self.bus_name, report, cycle.trip, str(error))
             seen = tuple(passivities(plan, cycle, report.cycles))
             known = replace(known, passivity=seen, stopped=ending.stopped(report, duration))
+            known = replace(known, traces=_traces(plan, record, report))
             try:
                 known = replace(known, warnings=tuple(notices(plan, cycle, report)))
                 known = known if assessment is None else assessment.with_travel(known)
@@ -231,8 +234,8 @@ class Session:
         try:
             self._keep_provenance()
         except OSError as error:
-            told = f"the provenance beside {self.record} is that from before the run: {error.strerror or error}"
-            self._warnings.append(told)
+            told = "could not be completed; it holds only what was known before the run"
+            self._warnings.append(f"the provenance beside {self.record} {told}: {error.strerror or error}")
 
     def _keep_provenance(self) -> None:
         """Write the provenance beside a record whose format cannot hold it; raises OSError."""
@@ -325,6 +328,20 @@ class Session:
                 self.progress(done, cycles)
 
         return follow
+
+
+def _traces(plan: Plan, record: Record, report: LoopReport) -> tuple[Trace, ...]:
+    """Return the traces of a run that ended early: decoded positions and commands, as far as the record has them."""
+    begin_ns, times_ns = report.enabled_at_ns, record.column("t_ns")
+    if begin_ns is None or not (enabled := times_ns >= begin_ns).any():
+        return ()
+    times = (times_ns[enabled] - begin_ns) * 1e-9
+
+    def trace(axis: AxisPlan) -> Trace:
+        position, command = (record.column(f"{axis.name}.{each}")[enabled] for each in ("position", "command"))
+        return Trace(axis.name, axis.workspace, times, position, command)
+
+    return tuple(map(trace, plan.axes))
 
 
 def agreed(confirm: Callable[[str], bool] | None, question: str) -> bool:

@@ -264,7 +264,7 @@ def test_what_will_move_is_announced_before_anything_is_opened(bench: Path) -> N
         identify(BenchTask(bench, travel=0.04, effort=3.0, speed=0.1), announce=stop)
     assert announced == [bounds_of(BenchTask(bench, travel=0.04, effort=3.0, speed=0.1))]
     lines = " ".join(announced[0].lines())
-    for part in ("-0.02 m to 0.02 m", "3 N", "0.1 m/s", "% of rated torque", "keep hands off"):
+    for part in ("-0.02 m to 0.02 m", "3 N", "0.09 m/s", "% of rated torque", "keep hands off"):
         assert part in lines
 
 

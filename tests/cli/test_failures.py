@@ -1,10 +1,12 @@
+import errno
 import inspect
 import json
+import os
 
 import pytest
 
 from haptic_fieldbus import errors
-from haptic_fieldbus.cli.failures import OUTCOMES, outcome_of, tell
+from haptic_fieldbus.cli.failures import OUTCOMES, outcome_of, print_object, tell
 from haptic_fieldbus.errors import (
     BusTimeoutError,
     Fault,
@@ -141,3 +143,26 @@ def test_the_result_of_a_refused_run_stays_the_only_object(command: Command) -> 
 
 def test_the_json_of_another_command_is_not_ours(command: Command) -> None:
     assert command("plan", "nowhere", "--", "--json").out == ""
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO])
+@pytest.mark.parametrize("as_object", [False, True])
+def test_a_disk_that_fails_is_told_as_a_failure_whoever_names_its_path(
+    code: int, capsys: pytest.CaptureFixture[str], *, as_object: bool
+) -> None:
+    error = UsageError("sweep/rows: cannot be written")
+    error.__cause__ = OSError(code, os.strerror(code))
+    if as_object:
+        print_object(error)
+        told = json.loads(capsys.readouterr().out)
+        assert (told["error"], told["exit_status"]) == ("HapticFieldbusError", 1)
+    else:
+        assert tell(error) == 1
+        assert capsys.readouterr().err == "failed     sweep/rows: cannot be written\n"
+
+
+def test_a_path_that_cannot_be_right_stays_a_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    error = UsageError("sweep/rows: cannot be written")
+    error.__cause__ = PermissionError(errno.EACCES, "Permission denied")
+    assert tell(error) == 2
+    assert capsys.readouterr().err == "sweep/rows: cannot be written\n"

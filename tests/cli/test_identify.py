@@ -49,6 +49,21 @@ def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, comman
     assert told_by(picture)["files"] == {rig.name: before}, "the rig file as it was before the values were written"
 
 
+def test_a_handle_that_is_faster_than_allowed_is_told_with_the_options_of_this_command(
+    rig: Path, command: Command
+) -> None:
+    """A light handle, which the first pulses make fast."""
+    text = rig.read_text(encoding="utf-8")
+    rig.write_text(text.replace("viscous_damping = 1.0e-4", "inertia = 1e-6"), encoding="utf-8")
+    ended = command("identify", "--rig", rig, "--speed", "0.02")
+    assert ended.status == 3
+    told = " ".join(ended.err.split())
+    assert "above the limit of 0.018 m/s; torque is off." in told
+    assert "lower --effort, or raise --speed, up to axis.handle.limits.speed of the rig." in told
+    assert "scene" not in told
+    assert "at most 12.6 N (25 % of rated torque) and 0.018 m/s; beyond these" in ended.out, "the same limit"
+
+
 def test_a_part_is_skipped_and_not_announced(rig: Path, command: Command) -> None:
     before = rig.read_text(encoding="utf-8")
     ended = command("identify", "--rig", rig, "--skip", "dynamics")

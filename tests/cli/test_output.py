@@ -265,6 +265,9 @@ def test_hosted_drives_end_in_order_although_nobody_reads(tmp_path: Path) -> Non
         ("run wall --duration 0.1", ">&-", 0, ""),
         ("run wall --duration 0.1", "2>&-", 0, ""),
         ("run wall --duration 0.1", ">&- 2>&-", 0, ""),
+        ("run wall --duration 0.1", "<&-", 0, ""),
+        ("run wall --duration 0.1", "<&- >&- 2>&-", 0, ""),
+        ("rehearse", "<&-", 2, "no terminal to confirm on; add --yes"),
     ],
 )
 def test_an_output_that_is_full_or_closed_is_told_once_and_changes_no_other_status(

@@ -4,10 +4,12 @@ import json
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from haptic_fieldbus.cli import options
 from haptic_fieldbus.cli import run as module
 from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.report.drawing import CONTENT
 from tests.cli.command import Command
 
 SHORT = ("--duration", "0.6")
@@ -225,11 +227,73 @@ def test_without_a_person_only_yes_enables_a_drive() -> None:
         module.ask("about to enable torque\nEnable?")
 
 
-def test_what_yes_answers_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert module.tell_question("can0: listened for 1 s\nabout to enable torque")
+@pytest.mark.parametrize(("words", "status"), [(("run", "wall", *SHORT), 0), (("rehearse",), 2)])
+def test_a_closed_standard_input_is_no_terminal(
+    words: tuple[str, ...], status: int, command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", None)
+    finished = command(*words)
+    assert finished.status == status
+    assert finished.err == ("" if status == 0 else "no terminal to confirm on; add --yes\n")
+    with pytest.raises(UsageError, match="--yes"):
+        module.ask("about to enable torque\nEnable?")
+
+
+def test_what_yes_answers_is_printed_with_the_answer_in_place_of_the_question(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert module.tell_question("can0: listened for 1 s\nabout to enable torque\nEnable torque?")
     printed = capsys.readouterr()
-    assert printed.err == "can0: listened for 1 s\nabout to enable torque\n"
+    assert printed.err == "can0: listened for 1 s\nabout to enable torque\nEnabled by --yes.\n"
     assert printed.out == ""
+
+
+SOFT = ("wall", "--set", "wall.stiffness=10", "--duration", "3")
+"""A wall that the hand pushes through, up to the limit of the travel."""
+FULL = Path("/dev/full")
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_run_that_trips_is_drawn_up_to_its_trip(command: Command, tmp_path: Path, *, as_json: bool) -> None:
+    picture = tmp_path / "trip.png"
+    finished = command("run", *SOFT, "--plot", picture, *["--json"] * as_json)
+    assert finished.status == 3
+    with Image.open(picture) as drawn:
+        content = json.loads(drawn.info[CONTENT])
+    assert any(text.startswith("Tripped 0.877 s after enabling: position") for text in content["texts"])
+    assert "commanded" in content["texts"]
+    assert finished.err.startswith("tripped    0.877 s after enabling: position"), "the last text, and the only one"
+    if as_json:
+        assert json.loads(finished.out)["trips"][0]["name"] == "position limit"
+    else:
+        assert finished.out.endswith(f"plot       {picture}\n")
+
+
+def test_a_run_that_enabled_no_drive_says_why_it_is_not_drawn(command: Command, tmp_path: Path) -> None:
+    picture = tmp_path / "refused.png"
+    finished = command("run", "wall", "--set", "wall.stiffness=100000", "--plot", picture)
+    assert (finished.status, picture.exists()) == (4, False)
+    assert finished.err.startswith("plot       not drawn: the drive was not enabled\nrefused    100000 N/m exceeds")
+
+
+@pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
+def test_a_disk_that_is_full_when_the_picture_is_drawn_is_no_wrong_usage(
+    command: Command, tmp_path: Path, suffix: str
+) -> None:
+    picture = tmp_path / f"full.{suffix}"
+    picture.symlink_to(FULL)
+    told = f'failed     plot "{picture}": cannot be written: No space left on device'
+    finished = command("run", "wall", "--plot", picture, *SHORT)
+    assert (finished.status, finished.err.strip()) == (1, told)
+    finished = command("run", "wall", "--plot", picture, "--json", *SHORT)
+    assert finished.status == 1
+    assert json.loads(finished.out)["scene"] == "wall", "one object"
+    finished = command("run", *SOFT, "--plot", picture)
+    assert finished.status == 3, "the trip goes before"
+    first, *_, last = finished.err.splitlines()
+    assert first == told
+    assert last.startswith("tripped")
 
 
 def test_faults_of_a_seed_are_printed_as_a_file_that_repeats_them(command: Command, tmp_path: Path) -> None:

@@ -2,12 +2,15 @@
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from haptic_fieldbus.documents.edits import with_table
 from haptic_fieldbus.drive.rig_units import rig_text
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.catalogue import load_rig
 from tests.cli.command import Command
 from tests.identification.twins import LASTING, hidden_bench, recorded
 
@@ -42,6 +45,24 @@ def test_a_run_that_leaves_nothing_to_check_is_told_without_a_check(folder: Path
     assert (told.status, ended.status) == (0, 0), told.err
     assert json.loads(told.out)["predicted"]["check"] is None
     assert "counts unexplained\n" in ended.out
+
+
+def test_the_twin_of_a_simulated_run_on_the_rig_of_a_real_bus_is_simulated(tmp_path: Path, command: Command) -> None:
+    rig, run, twin = (tmp_path / name for name in ("rig.toml", "run.mcap", "twin.toml"))
+    stated = hidden_bench(3).stated
+    real = replace(stated, bus={name: CanSection("socketcan", "can0", bitrate=500_000) for name in stated.bus})
+    rig.write_text(rig_text(real, "My bench."), encoding="utf-8")
+    words = ("--bus", "sim", "--hand", "shake", "--set", "wall.stiffness=120", "--duration", "6", "--record", run)
+    assert command("run", "wall", "--rig", rig, "--rate", "500", *words).status == 0
+    assert command("twin", run, "--rig", rig, "--out", twin).status == 0
+    assert list(load_rig(twin).bus.values()) == [CanSection("haptic_sim", "sim", bitrate=500_000)]
+    for bus in (["--bus", "sim"], list[str]()):
+        ended = command("run", "spring", "--rig", twin, *bus, "--rate", "500", "--duration", "0.2")
+        assert ended.status == 0, ended.err
+    # Its values still do not count on a real bus.
+    ended = command("plan", "spring", "--rig", twin, "--bus", "socketcan:can0@500000", "--rate", "500")
+    assert "measured on a simulated bus" in f"{ended.out} {ended.err}".replace("\n", " ")
+    assert command("twin", run, "--rig", twin, "--check").status == 0
 
 
 @pytest.mark.thorough("fits a bench")

@@ -31,7 +31,7 @@ def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
     lines = list(TOLD.lines())
     assert "from -0.1 m to 0.1 m from where it is" in lines[0]
     assert "keep hands off" in lines[0]
-    assert "at most 12.5 N (25 % of rated torque) and 0.8 m/s" in lines[1]
+    assert "at most 12.5 N (25 % of rated torque) and 0.72 m/s" in lines[1]
     assert "before that, pulses of up to 2.5 N test the motor direction" in lines[2]
     fixed = Announcement("handle", -0.1, 0.1, 0.8, 12.5, 0.5, Workspace.LINEAR, 0.25, 2.5, from_start=False)
     assert "by the rig's zero" in next(fixed.lines())

@@ -15,6 +15,7 @@ from haptic_fieldbus.planning.request import (
     RECORD_SUFFIXES,
     check_fade_in,
     check_request,
+    file_faults,
     parse_changes,
     parse_settings,
 )
@@ -258,3 +259,13 @@ def test_a_fade_in_that_nobody_would_notice_is_refused(fade_in: float) -> None:
 @pytest.mark.parametrize("fade_in", [0.1, 0.5, 60.0])
 def test_a_fade_in_within_its_range_is_taken(fade_in: float) -> None:
     check_fade_in(fade_in)
+
+
+def test_a_file_in_a_working_folder_that_was_removed_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    faults = file_faults("record", Path("x.log"), (".log",))
+    assert faults == ['record "x.log": cannot be written: No such file or directory']

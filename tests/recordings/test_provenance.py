@@ -277,7 +277,8 @@ def test_a_provenance_that_cannot_be_completed_is_told(tmp_path: Path) -> None:
         side_file(record).with_name(side_file(record).name + ".new").mkdir(exist_ok=True)
 
     result = run("wall", duration=3 * SHORT, record=record, progress=taken)
-    assert any(f"the provenance beside {record} is that from before the run: " in each for each in result.warnings)
+    told = f"the provenance beside {record} could not be completed; it holds only what was known before the run: "
+    assert any(told in each for each in result.warnings)
     assert read_provenance(record).drives == {}
 
 

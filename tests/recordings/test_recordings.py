@@ -402,6 +402,9 @@ OF_A_DRAWING = "t_ns,handle.command,handle.position\n"
     [
         ("", "row 1.*the first of them t_ns"),
         ("time,position\n0,1\n1,2\n", "row 1.*the first of them t_ns"),
+        ("\ufefftime,position\r\n0,1\r\n", 'row 1: "time,position"; expected names'),
+        ("time,position\r0,1\r", 'row 1: "time,position"; expected names'),
+        ("time,position", 'row 1: "time,position"; expected names'),
         ("t_ns,t_ns\n0,1\n5,6\n", "row 1.*each once"),
         ("t_ns,x\nnan,1\n1,2\n", "row 2, column t_ns: nan; expected a finite time"),
         ("t_ns,x\n0,1\ninf,2\ninf,2\n", "row 3, column t_ns: inf; expected a finite time"),
