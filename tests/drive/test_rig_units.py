@@ -7,6 +7,7 @@ from typing import get_args, get_type_hints
 import pytest
 
 from haptic_fieldbus.drive.rig import (
+    BusSection,
     Cogging,
     CompliantCoupling,
     Limits,
@@ -210,3 +211,9 @@ def test_an_editor_takes_the_units_too(tmp_path: Path) -> None:
     assert accepts(rig_schema(), text)
     assert accepts(rig_schema(), PLAIN)
     assert not accepts(rig_schema(), PLAIN.replace("effort = 8.0", "effort = -8.0"))
+
+
+def test_a_bus_of_no_particular_protocol_stands_for_itself() -> None:
+    bus = BusSection("any", "0")
+    assert bus.in_place_of_real() is bus
+    assert not bus.stands_for_real
