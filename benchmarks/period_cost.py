@@ -7,7 +7,7 @@ import sys
 from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
-from itertools import count
+from itertools import count, islice
 from itertools import cycle as endless
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -64,11 +64,10 @@ def sign_by_hand() -> Callable[[float, float], bool]:
     return opposed
 
 
-def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
+def by_hand() -> tuple[Callable[[bytes], bytearray], Callable[[], str]]:
     """The wall as one function without any choice, with every guard of the cycle; and the guard that tripped, or "".
 
-    A guard that needs a longer answer in the cycle only ends the run here. `mass`: the scene `MASS` instead of the
-    wall, its mass stepped by forward Euler.
+    A guard that needs a longer answer in the cycle only ends the run here.
     """
     unpack, pack_into = ONE.unpack_from, struct.Struct("<Hh").pack_into
     unit, effort_unit = 0.05 / 4096, 0.4 / 1000 / (0.05 / (2 * math.pi))
@@ -78,7 +77,6 @@ def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callab
     target = older = side = moved_ns = fresh_ns = total = 0
     position, left = COUNTS * unit, 5
     way = energy = torque = before = fade = shift = 0.0
-    held = speed = spring = earlier = pending = 0.0
     cap = math.inf
     sent: deque[int] = deque([0] * 3, maxlen=3)
     opposed, tripped, output = sign_by_hand(), "", bytearray(4)
@@ -91,7 +89,6 @@ def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callab
 
     def period(image: bytes) -> bytearray:
         nonlocal before, position, fade, target, older, torque, way, moved_ns, energy, side, fresh_ns, total, left
-        nonlocal held, speed, spring, earlier, pending
         if tripped:
             return released(tripped)
         t_ns, age_ns, flags, _, statusword, counts, shown = unpack(image)
@@ -120,15 +117,11 @@ def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callab
             return released("acceleration")
         way, position = moved, here
         if moved:
-            # Energy of the contact; that of the mass by its force.
+            # Energy of the contact.
             moved_ns = t_ns
-            if mass:
-                energy += 0.5 * (earlier + spring) * pending
-            else:
-                energy += moved * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * moved)
+            energy += moved * (effort_unit * (0.56 * older + 0.44 * target) - 0.64 * moved)
             if energy > 0.0056:
                 return released("energy")
-            earlier, pending = spring, moved
         elif t_ns - moved_ns > 90_000_000_000:
             return released("stall")
         if target * side <= 0:
@@ -140,11 +133,7 @@ def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callab
         sent.appendleft(target)
         # The law, at the place where it is after gaps.
         place = here - shift
-        if mass:
-            spring = force = 200.0 * (held - place)
-            held, speed = held + 0.001 * speed, speed - 0.001 * force / 1e9
-        else:
-            force = -600.0 * (place - 0.02) if place > 0.02 else 0.0
+        force = -600.0 * (place - 0.02) if place > 0.02 else 0.0
         if not -math.inf < force < math.inf:
             return released("force")
         # Fade-in, effort, cap, pulses of a test, slew.
@@ -174,39 +163,42 @@ def by_hand(*, mass: bool = False) -> tuple[Callable[[bytes], bytearray], Callab
     return period, lambda: tripped
 
 
-def cycle_pair(stack: ExitStack) -> Pair:
+def wall_pair(stack: ExitStack) -> Pair:
     """Decode to encode in contact with a wall, faded in, while the handle moves by a few counts."""
-    return one_axis(Cycle(plan("wall")), *by_hand())
+    return one_axis(Cycle(plan("wall")), same=True)
 
 
 def mass_pair(stack: ExitStack) -> Pair:
-    """Decode to encode with a virtual mass, at a handle that moves by a few counts."""
+    """Decode to encode with a virtual mass, at a handle that moves by a few counts, beside a wall by hand."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "mass.toml"
         path.write_text(MASS, encoding="utf-8")
-        return one_axis(Cycle(plan(path)), *by_hand(mass=True))
+        return one_axis(Cycle(plan(path)), same=False)
 
 
-def one_axis(cycle: Cycle, reference: Callable[[bytes], bytearray], tripped: Callable[[], str]) -> Pair:
-    """Lead the handle into contact; measure both there, from decode to encode."""
-    pack, latches, sent = ONE.pack, count(0, 1_000_000), 0
+def one_axis(cycle: Cycle, *, same: bool) -> Pair:
+    """Lead the handle into contact, and measure there from decode to encode; `same`: the cycle has the wall too."""
+    pack, latches, sent, target = ONE.pack, count(0, 1_000_000), 0, 0
+    reference, tripped = by_hand()
+
+    def image(t_ns: int, counts: int, shown: int) -> bytes:
+        return pack(t_ns, 100_000, 0, 0, 0x0637, counts, shown)  # what was sent comes back
+
     for counts in range(0, COUNTS + 1, 20):
-        image = pack(next(latches), 100_000, 0, 0, 0x0637, counts, sent)  # what was sent comes back
-        _, sent = struct.unpack("<Hh", cycle(image))
-    for _ in range(FADE_IN):
-        image = pack(next(latches), 100_000, 0, 0, 0x0637, COUNTS, sent)
-        _, sent = struct.unpack("<Hh", cycle(image))
-        same = struct.unpack("<Hh", reference(image)) == (0x0F, sent)
-    if not same:
+        _, sent = struct.unpack("<Hh", cycle(image(next(latches), counts, sent)))
+    for t_ns in islice(latches, FADE_IN):
+        _, sent = struct.unpack("<Hh", cycle(image(t_ns, COUNTS, sent)))
+        _, target = struct.unpack("<Hh", reference(image(t_ns, COUNTS, target)))
+    if same and sent != target:
         raise SystemExit("the cycle and the loop by hand do not agree")
     begin = next(latches)
 
-    def each(step: Callable[[bytes], bytearray]) -> Callable[[], bytearray]:
+    def each(step: Callable[[bytes], bytearray], shown: int) -> Callable[[], bytearray]:
         own, ways = count(begin, 1_000_000), endless(WAYS)
         # Every image has a time of its own: one that comes again, or a pause between two rounds, is a fault.
-        return lambda: step(pack(next(own), 100_000, 0, 0, 0x0637, COUNTS + next(ways), sent))
+        return lambda: step(pack(next(own), 100_000, 0, 0, 0x0637, COUNTS + next(ways), shown))
 
-    return measured(cycle, each(cycle.step), each(reference), tripped)
+    return measured(cycle, each(cycle.step, sent), each(reference, target), tripped)
 
 
 def coupled_pair(stack: ExitStack) -> Pair:
@@ -247,8 +239,8 @@ def measured(
 
 
 FIGURES = (
-    Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.35, cycle_pair),
-    Figure("cycle of a virtual mass on one axis", "the same loop and guards by hand", 1.9, mass_pair),
+    Figure("cycle of a wall on one axis", "the same loop and guards by hand", 1.35, wall_pair),
+    Figure("cycle of a virtual mass on one axis", "a wall with the same guards by hand", 1.9, mass_pair),
     Figure("cycle of two coupled axes", "two walls with the same guards by hand", 3.0, coupled_pair),
 )
 
@@ -270,5 +262,5 @@ def _python_starts() -> float:
 
 
 if __name__ == "__main__":
-    ours, by_hand_too = cycle_pair(ExitStack())()
+    ours, by_hand_too = wall_pair(ExitStack())()
     show([Row("cycle", ours, by_hand_too, FIGURES[0].bound), simulation_row()])

@@ -229,7 +229,7 @@ def prepare_run(
         drive, rate = task.drive or protocol_named(name.section.protocol).default_drive, task.rate or math.nan
         vars(error)["result"] = Result(scene=str(task.scene), drive=drive, bus=bus, rate=rate)
         raise
-    given = [name for name in ("hand", "faults") if getattr(trial, name) not in (None, "none", ())]
+    given = [name for name in ("hand", "faults") if (value := getattr(trial, name)) and value != "none"]
     if given and not plan.simulated:
         raise UsageError(
             f"{' and '.join(given)}: only for a simulated bench, and {selection.bus.text} is a real bus; give it to "

@@ -410,7 +410,7 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         elapsed=elapsed,
         torque_error=error,
         energy_generated=sum(found.energy_generated for found in known) if known else None,
-        traces=tuple(traces.get(axis.name) or _recorded(axis, run) for axis in plan.axes),
+        traces=tuple(traces.get(axis.name) or recorded_trace(axis, run.record, run.report) for axis in plan.axes),
         verdict=verdict if run.worlds else _rendered(run),
         warnings=tuple(notices(run.plan, run.cycle, run.report)),
     )
@@ -525,13 +525,18 @@ def _times(number: int, what: str) -> str:
 
 
 def _enabled(run: Run, column: str) -> Array:
+    return _since_enabled(run.record, run.report, column)
+
+
+def _since_enabled(record: Record, report: LoopReport, column: str) -> Array:
     """Return a column since operation enabled, as far as the record holds it; empty if that state was not reached."""
-    values, begin_ns = run.record.column(column), run.report.enabled_at_ns
-    return values[run.record.column("t_ns") >= begin_ns] if begin_ns is not None else values[:0]
+    values, begin_ns = record.column(column), report.enabled_at_ns
+    return values[record.column("t_ns") >= begin_ns] if begin_ns is not None else values[:0]
 
 
-def _recorded(axis: AxisPlan, run: Run) -> Trace:
+def recorded_trace(axis: AxisPlan, record: Record, report: LoopReport) -> Trace:
     """Return the trace of an axis without a known error: the decoded motion and the command, as far as recorded."""
-    times = (_enabled(run, "t_ns") - (run.report.enabled_at_ns or 0)) * 1e-9
-    position, command = (_enabled(run, f"{axis.name}.{name}") for name in ("position", "command"))
-    return Trace(axis.name, axis.workspace, times, position, command)
+    times, position, command = (
+        _since_enabled(record, report, name) for name in ("t_ns", f"{axis.name}.position", f"{axis.name}.command")
+    )
+    return Trace(axis.name, axis.workspace, (times - (report.enabled_at_ns or 0)) * 1e-9, position, command)

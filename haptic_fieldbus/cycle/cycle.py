@@ -14,7 +14,7 @@ from haptic_fieldbus.cycle.axis import COMPUTED, AxisCycle
 from haptic_fieldbus.cycle.energy import Ledger, LedgerAxis
 from haptic_fieldbus.cycle.energy_steps import PlainAccount, bind_ledger
 from haptic_fieldbus.cycle.laws import Noted, Over, PairField, PeriodStep, blended_pair, has_no_rest, in_order
-from haptic_fieldbus.cycle.ordinary import ElsewhereJudged, Step, bind_ordinary
+from haptic_fieldbus.cycle.ordinary import Account, ElsewhereJudged, Step, bind_ordinary
 from haptic_fieldbus.cycle.safety import Trip, TripKind
 from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.planning.axis_plan import AxisPlan
@@ -100,7 +100,7 @@ class Cycle:
         self.ledgers = tuple(self._ledger(plan, names) for names in judged_groups(plan.axes, plan.scene.couplings))
         """The energy ledgers, in the order of their first axes."""
         self._render = self._begin
-        self._account: PlainAccount | ElsewhereJudged | None = None
+        self._account: Account | None = None
         """Account that both steps of an only axis use."""
         self.full = self._bind_full()
         """The cycle as a function that takes each period through all of its code."""

@@ -77,6 +77,9 @@ class ElsewhereJudged:
         self._step()
 
 
+Account = PlainAccount | ElsewhereJudged
+
+
 def _range(axis: AxisPlan) -> tuple[float, float]:
     """Return the first and last position of ordinary periods [m or rad].
 
@@ -88,12 +91,7 @@ def _range(axis: AxisPlan) -> tuple[float, float]:
 
 
 def bind_ordinary(
-    cycle: CycleState,
-    each: "AxisCycle",
-    account: PlainAccount | ElsewhereJudged,
-    echo: TorqueEcho,
-    output: bytearray,
-    full: Step,
+    cycle: CycleState, each: "AxisCycle", account: Account, echo: TorqueEcho, output: bytearray, full: Step
 ) -> Step:
     """Return the step of a cycle with the only axis `each`; periods that are not ordinary call `full`."""
     state, permission, axis, after, limits = each.state, each.permission, each.axis, each.after, each.axis.limits

@@ -14,14 +14,13 @@ from haptic_fieldbus.assessing.loop_report import LoopReport, Record
 from haptic_fieldbus.assessing.passivity import passivities
 from haptic_fieldbus.assessing.recording import Truth
 from haptic_fieldbus.assessing.result import Proof, Result, Right, Trace, known_before
-from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, Run, notices
+from haptic_fieldbus.assessing.summary import ROWS_NEEDED, Assessment, Run, notices, recorded_trace
 from haptic_fieldbus.buses.bus import Bus, BusGroup, StepwiseBus
 from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.cycle.cycle import Cycle, columns
 from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import BusError, HapticFieldbusError, UsageError, wrong_kind
 from haptic_fieldbus.numerals import percent, rounded
-from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.deadlines import unseen_text
 from haptic_fieldbus.planning.guards import to_prove
 from haptic_fieldbus.planning.known_bench import check_measured_drive
@@ -164,8 +163,8 @@ class Session:
             ending.hold()
             report.interrupted = True
             stopped = ending.stopped(report, duration)
-            known = replace(known_before(plan, self.bus_name, report), traces=_traces(plan, record, report))
-            result = self._told_with(replace(known, stopped=stopped))
+            known, traces = known_before(plan, self.bus_name, report), _traces(plan, record, report)
+            result = self._told_with(replace(known, stopped=stopped, traces=traces))
             if UNCONFIRMED not in getattr(early, "__notes__", ()):
                 return result
             unconfirmed = BusError(UNCONFIRMED)
@@ -175,8 +174,8 @@ class Session:
             # A run that fails has a result too: the command line prints it beside the error.
             known = known_before(plan, self.bus_name, report, cycle.trip, str(error))
             seen = tuple(passivities(plan, cycle, report.cycles))
-            known = replace(known, passivity=seen, stopped=ending.stopped(report, duration))
-            known = replace(known, traces=_traces(plan, record, report))
+            traces = _traces(plan, record, report)
+            known = replace(known, passivity=seen, stopped=ending.stopped(report, duration), traces=traces)
             try:
                 known = replace(known, warnings=tuple(notices(plan, cycle, report)))
                 known = known if assessment is None else assessment.with_travel(known)
@@ -331,17 +330,9 @@ class Session:
 
 
 def _traces(plan: Plan, record: Record, report: LoopReport) -> tuple[Trace, ...]:
-    """Return the traces of a run that ended early: decoded positions and commands, as far as the record has them."""
-    begin_ns, times_ns = report.enabled_at_ns, record.column("t_ns")
-    if begin_ns is None or not (enabled := times_ns >= begin_ns).any():
-        return ()
-    times = (times_ns[enabled] - begin_ns) * 1e-9
-
-    def trace(axis: AxisPlan) -> Trace:
-        position, command = (record.column(f"{axis.name}.{each}")[enabled] for each in ("position", "command"))
-        return Trace(axis.name, axis.workspace, times, position, command)
-
-    return tuple(map(trace, plan.axes))
+    """Return the traces of a run that ended early; none if no drive was enabled."""
+    found = tuple(recorded_trace(axis, record, report) for axis in plan.axes)
+    return found if len(found[0].times) else ()
 
 
 def agreed(confirm: Callable[[str], bool] | None, question: str) -> bool:

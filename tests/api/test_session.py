@@ -264,7 +264,7 @@ def test_what_only_a_simulated_bench_can_do_is_refused_on_a_real_bus(
         run("wall", rig, hand="push", faults="random@12", **asked)
     with pytest.raises(UsageError, match=r"^faults: only for a simulated bench"):
         run("wall", rig, faults=[DriveFault("drive_fault", at=0.01)], **asked)
-    assert run("wall", rig, hand="none", **asked).cycles
+    assert run("wall", rig, hand="none", faults=[], **asked).cycles
 
 
 def test_progress_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

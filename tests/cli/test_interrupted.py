@@ -213,14 +213,6 @@ def test_a_signal_in_a_run_of_the_report_ends_the_report(command: Command, at_wa
     assert finished.err.splitlines()[-1] == "stopped by you"
 
 
-def test_a_signal_before_a_run_of_the_report_says_nothing_of_torque(
-    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(selection, "compile_plan", lambda *_, **__: signal.raise_signal(signal.SIGINT))
-    finished = command("report", "--quick", "--only", "buses", "--out", tmp_path)
-    assert (finished.status, finished.err.splitlines()[-1]) == (130, "stopped by you")
-
-
 IN_AN_EXEC = """
 from haptic_fieldbus.cli import app, main
 def struck(**_):
