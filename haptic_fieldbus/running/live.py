@@ -165,6 +165,8 @@ class Live:
         """Scene for which the run was ended."""
         self._run = 0
         """Number of the run; a page draws itself anew for another one."""
+        self._process = f"{os.getpid()} {monotonic()}"
+        """Name of this process, unlike that of any other one since the computer began."""
         self.time = SimulatedTime()
         self.changes: Changes | None = None
         self.lost = False
@@ -255,6 +257,7 @@ class Live:
         flags = [str(flag.name).lower().replace("_", " ") for flag in LinkFlag]
         told = {"columns": columns, "flags": flags, "states": [state.value for state in PowerState], "run": self._run}
         told |= {"required": self._required, "first": self.of_file, "command": shlex.join(self.command)}
+        told["process"] = self._process
         told["scenes"] = [*self.scenes] if self._leading else []
         with self._lock:
             self._hello = {**told, **self._describe(plan, plan), **self._pace()}

@@ -173,6 +173,21 @@ def test_stop_that_is_pressed_without_a_connection_is_sent_when_it_is_back(page:
     browser.get_log("browser")  # that the server was gone is an error to a browser
 
 
+def test_stop_that_is_pressed_without_a_connection_is_sent_by_the_page_that_is_loaded_anew(page: Page) -> None:
+    """That is done for a server that does not know the page, and may be sooner than the connection is back."""
+    browser, served, _ = page
+    os.kill(children(served.process.pid)[0], signal.SIGKILL)
+    until(browser, "document.body.classList.contains('lost')")
+    browser.execute_script("window.WebSocket = class { constructor() { throw new Error('not yet'); } }")
+    ActionChains(browser).send_keys(Keys.ESCAPE).perform()
+    again = ("--run", str(served.process.pid), "--port", str(served.port), "--token", served.token)
+    with serving("view", *again) as attached:
+        assert served.ended()[0] == 130
+        assert attached.ended()[0] == 0
+    browser.get("about:blank")
+    browser.get_log("browser")
+
+
 def own_address() -> str:
     """Return an address of this computer that is not the loopback; skips the test where there is none."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):

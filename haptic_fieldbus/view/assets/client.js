@@ -56,7 +56,7 @@ window.haptic = (() => {
     }
     if (message.scene && hello) hello.parameters = message.scene.parameters;
     if (message.pace) pace(message.pace);
-    if (message.hello && stopping) stop();
+    if (message.hello && (stopping || message.hello.process === sessionStorage.getItem("haptic_fieldbus.stop"))) stop();
     if ("steers" in message) role(message.steers);
     if (message.changed) {
       waiting.push({ ...message, text: changeText(message) });
@@ -166,7 +166,12 @@ window.haptic = (() => {
     if (other.length) send({ change: Object.fromEntries(other.map((each) => [each.name, first[each.name]])) });
     else answer("", "These are the values of the file.");
   }
-  function stop() { stopping = true; send({ stop: 1 }); }
+  function stop() {
+    stopping = true;
+    send({ stop: 1 });
+    // NiceGUI loads the page anew for another server, which may be sooner than this connection is back.
+    if (hello) sessionStorage.setItem("haptic_fieldbus.stop", hello.process);
+  }
   function scene(name) { answer("", `${name} is being checked …`); send({ scene: name }); }
   function pause() { send({ paused: !paused }); }
   function step() { send({ paused: true, steps: 1 }); }
