@@ -132,7 +132,7 @@ class Cycle:
     def _bind_step(self) -> Step:
         """Return the step of ordinary periods, or `full` for a plan that has no such step."""
         axis = self._first
-        if self._others or axis.echo is None or axis.axis.integrates:
+        if self._others or not self.ledgers or axis.echo is None or axis.axis.integrates:
             return self.full
         (ledger,) = self.ledgers
         plain = ledger.is_plain and not self._controlled

@@ -382,3 +382,14 @@ def test_a_law_that_fails_in_an_ordinary_period_takes_the_torque_away(force: obj
             break
     assert first == zero
     assert kept(cycles[0]) == kept(cycles[1])
+
+
+def test_an_axis_whose_energy_nothing_bounds_has_no_ledger_and_is_rendered() -> None:
+    plan = plan_from("wall", settings={"wall.position": 0.002})
+    cycle = Cycle(replace(plan, axes=tuple(replace(a, limits=replace(a.limits, energy=math.inf)) for a in plan.axes)))
+    assert cycle.ledgers == ()
+    for number in range(700):
+        target = cycle._first.state.target
+        cycle.step(plan.image.axes[0].input.pack(10**9 + number * 10**6, 0, 0, 0, ENABLED, number, target))
+    assert cycle.trip is None
+    assert cycle._first.state.target < 0
