@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING
+from urllib.parse import unquote
 
 from haptic_fieldbus.cli.options import option_field, options_of
 from haptic_fieldbus.cli.screen import show
@@ -112,7 +113,10 @@ def _announce(address: str, host: str, browser: bool) -> None:
     if browser and (sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser
 
-        webbrowser.open(address)
+        from haptic_fieldbus.view import token_for_once
+
+        page, _, token = address.partition("?token=")
+        webbrowser.open(f"{page}?token={token_for_once(unquote(token))}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ nothing more until the page has drawn them. A page that stands still therefore m
 rows when it goes on.
 
 `Entrance` stands before everything else, HTTP and WebSocket alike: it wants a known `Host`, the `Origin` of the page
-itself where there is one (always for a WebSocket), and the token of this server, once in the address and then in a
-cookie.
+itself where there is one (always for a WebSocket), and the token of this server, in the address or in a cookie. A
+browser that the command starts gets a token for one use.
 
 NiceGUI draws the controls of the page, `assets/client.js` its pictures. A control sends its command through the
 WebSocket of the page (`haptic.send` of the script), so that one place decides who steers. Answers come back to
@@ -42,6 +42,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.running.ring import LONGEST_LINE, LiveReader, RingReader
+from haptic_fieldbus.view import token_for_once
 
 ASSETS = Path(__file__).parent / "assets"
 SPEEDS = {"real time": 1.0, "1/4": 0.25, "1/10": 0.1, "1/50": 0.02}
@@ -291,6 +292,7 @@ class Entrance:
         self._application = application
         # As in the address: a cookie holds no ";", and a header no letter beyond Latin 1.
         self._hosts, self._token, self._cookie = frozenset(hosts), quote(token, safe=""), cookie
+        self._once: str | None = token_for_once(token)
         self._origins = {f"http://{host}" for host in self._hosts}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -321,8 +323,12 @@ class Entrance:
         needs_origin = asked.scope["type"] == "websocket" or asked.scope["method"] not in ("GET", "HEAD")
         if len(origins) > 1 or (origins and origins[0].lower() not in self._origins) or (needs_origin and not origins):
             return "another origin"
-        kept = quote(given, safe="") or asked.cookies.get(self._cookie, "")
-        return "" if hmac.compare_digest(kept.encode(), self._token.encode()) else "no valid token in the address"
+        if self._once and hmac.compare_digest(given.encode(), self._once.encode()):
+            self._once = None
+            return ""
+        held = quote(given, safe=""), asked.cookies.get(self._cookie, "")
+        known = any(hmac.compare_digest(each.encode(), self._token.encode()) for each in held)
+        return "" if known else "no valid token in the address"
 
 
 _HEADERS = {

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -124,6 +125,29 @@ def test_the_page_is_given_to_its_token_and_may_be_framed_by_nobody(served: Serv
     cookie = {"Host": f"127.0.0.1:{served.port}", "Cookie": f"haptic_fieldbus_{served.port}={served.token}"}
     assert answer(served, "/assets/client.js", cookie).startswith("HTTP/1.1 200")
     assert answer(served, "/stream", {**cookie, **upgrade(served.origin)}).startswith("HTTP/1.1 101")
+
+
+def test_a_browser_is_started_with_a_token_that_opens_the_page_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    started, program = tmp_path / "started", tmp_path / "browser"
+    program.write_text(f'#!/bin/sh\necho "$1" > {started}.part\nmv {started}.part {started}\n', encoding="utf-8")
+    program.chmod(0o700)
+    monkeypatch.setenv("BROWSER", str(program))
+    monkeypatch.setenv("DISPLAY", ":99")
+    with serving("demo", "--port", "0") as served:
+        patience = time.monotonic() + 30.0
+        while not started.exists() and time.monotonic() < patience:
+            time.sleep(0.05)
+        path, host = urlsplit(started.read_text(encoding="utf-8").strip()), {"Host": f"127.0.0.1:{served.port}"}
+        assert path.port == served.port
+        assert served.token not in path.query
+        given = answer(served, f"/?{path.query}", host)
+        assert given.startswith("HTTP/1.1 200")
+        kept = given.partition("set-cookie: ")[2].partition(";")[0]
+        assert kept == f"haptic_fieldbus_{served.port}={served.token}"
+        assert answer(served, f"/?{path.query}", host).startswith("HTTP/1.1 403")
+        assert answer(served, f"/?{path.query}", {**host, "Cookie": kept}).startswith("HTTP/1.1 200")
 
 
 TOKEN = "a; b\"'é=\u2603\n/&"
