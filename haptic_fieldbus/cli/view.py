@@ -19,6 +19,7 @@ from urllib.parse import unquote
 from haptic_fieldbus.cli.options import option_field, options_of
 from haptic_fieldbus.cli.screen import show
 from haptic_fieldbus.errors import BusError, UsageError, raise_all
+from haptic_fieldbus.view import token_for_once
 
 if TYPE_CHECKING:
     from haptic_fieldbus.running.live import Live
@@ -112,8 +113,6 @@ def _announce(address: str, host: str, browser: bool) -> None:
     show(lines, sys.stderr)
     if browser and (sys.platform == "darwin" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         import webbrowser
-
-        from haptic_fieldbus.view import token_for_once
 
         page, _, token = address.partition("?token=")
         webbrowser.open(f"{page}?token={token_for_once(unquote(token))}")
