@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from haptic_fieldbus.api.provenance import repeated
-from haptic_fieldbus.assessing.result import Result, Trace
+from haptic_fieldbus.assessing.result import Changed, Result, Trace
 from haptic_fieldbus.cycle.cycle import Cycle, columns, decoded_columns
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import HapticFieldbusError, UsageError
+from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.planning.selection import load, select
+from haptic_fieldbus.recordings.provenance import Provenance
 from haptic_fieldbus.recordings.reading import RecordedRun, check_rows, read_recording
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.signals import Signal, Workspace
@@ -101,6 +103,7 @@ def compare_recording(recording: str | Path | RecordedRun) -> FirstDifference | 
 def shown(found: RecordedRun) -> Result:
     """Return a result whose picture shows the rows: position and commanded force of each axis, units from the rig.
 
+    It has the plan of the run, so walls and force at rest are drawn, if the scene was recorded and fits this package.
     Raises UsageError for frames, and for a recording without rows.
     """
     table, provenance, times = found.table(), found.provenance, found.time
@@ -122,4 +125,19 @@ def shown(found: RecordedRun) -> Result:
     scene = provenance.scene_name if provenance else found.path.name
     titles = dict.fromkeys(str(each["title"]) for each in provenance.drives.values()) if provenance else ()
     bus, drive = provenance.bus if provenance else "", ", ".join(titles)
-    return Result(scene, drive, bus, rate, cycles=len(table), traces=tuple(traces), provenance=provenance)
+    changes = tuple(Changed(*each) for each in provenance.conditions.changes) if provenance else ()
+    return Result(
+        scene, drive, bus, rate, cycles=len(table), traces=tuple(traces), changes=changes,
+        plan=_plan_of(provenance), provenance=provenance,
+    )  # fmt: skip
+
+
+def _plan_of(provenance: Provenance | None) -> Plan | None:
+    """Return the plan of a recorded run; None if it cannot be made."""
+    if provenance is None:
+        return None
+    try:
+        with repeated(provenance, simulated=False) as (task, _):
+            return load(task).plan
+    except HapticFieldbusError:
+        return None

@@ -350,6 +350,20 @@ def test_a_recording_without_units_is_drawn_without_them(tmp_path: Path) -> None
         assert float(np.max(panel.lines[0].get_ydata())) == pytest.approx(factor * found["knob.position"].max())
 
 
+def test_the_picture_of_a_recording_has_the_wall_and_when_it_was_changed(recorded: Path) -> None:
+    found = read_recording(of(recorded, ".csv"))
+    whole, over = draw_run(shown(found)).axes[:2]
+    assert "wall" in {text.get_text() for text in whole.texts}
+    assert [line.get_xdata()[0] for line in whole.lines if line.get_linestyle() == ":"] == [0.2]
+    lines = {str(line.get_label()): line for line in over.lines}
+    assert lines["wall"].get_xdata() == pytest.approx([1.0, 1.0], rel=1e-12), "in mm"
+    place, law = (np.asarray(each) for each in lines["force at rest"].get_data())
+    assert law == pytest.approx(np.where(place > 1.0, -0.6 * (place - 1.0), 0.0), abs=1e-9)
+    assert found.provenance is not None
+    without = draw_run(shown(replace(found, provenance=replace(found.provenance, scene=None)))).axes
+    assert "force at rest" not in {str(line.get_label()) for panel in without for line in panel.lines}, "an own element"
+
+
 @pytest.mark.parametrize("suffix", [".mcap", ".parquet", ".csv"])
 def test_recorded_feedback_gives_the_recorded_set_points(suffix: str, recorded: Path) -> None:
     assert compare_recording(of(recorded, suffix)) is None
