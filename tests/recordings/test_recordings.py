@@ -354,7 +354,7 @@ def test_the_picture_of_a_recording_has_the_wall_and_when_it_was_changed(recorde
     found = read_recording(of(recorded, ".csv"))
     whole, over = draw_run(shown(found)).axes[:2]
     assert "wall" in {text.get_text() for text in whole.texts}
-    assert [line.get_xdata()[0] for line in whole.lines if line.get_linestyle() == ":"] == [0.2]
+    assert [float(np.asarray(line.get_xdata())[0]) for line in whole.lines if line.get_linestyle() == ":"] == [0.2]
     lines = {str(line.get_label()): line for line in over.lines}
     assert lines["wall"].get_xdata() == pytest.approx([1.0, 1.0], rel=1e-12), "in mm"
     place, law = (np.asarray(each) for each in lines["force at rest"].get_data())
