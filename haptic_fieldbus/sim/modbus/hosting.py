@@ -188,22 +188,18 @@ def host(
     """Host drives until `stopped()` is True; return 0, since no answer is lost here.
 
     `opened` is called with the open bus, which has the port or the device for masters, and `ready` for each drive.
-    Raises BusError when the bus cannot be opened, and ValueError when two drives have the same unit id. Raises
+    Raises BusError when the bus cannot be opened, and UsageError when two drives have the same unit id. Raises
     PlanError for drives that are not made for such a line.
     """
     section, clock = modbus_section(bus.section), MonotonicClock()
     line_of(section, [modbus_profile(slot.profile) for slot in slots])
-    errors = port_errors() if section.serial else (OSError, UnicodeError)
 
     async def serve() -> None:
         server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
         for slot in slots:
             server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
         with device(section) as (own, theirs):
-            try:
-                joined = await listen(server, own, theirs, slots)
-            except errors as error:
-                raise translate(error, bus.text) from error
+            joined = await listen(server, own, theirs, slots, bus.text)
             try:
                 opened(protocol_named(section.protocol).bus_name(joined))
                 if joined.channel.startswith(PSEUDO_TERMINALS):
@@ -222,9 +218,22 @@ def host(
 
 
 async def listen(
+    server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus], name: str
+) -> ModbusSection:
+    """Let the server listen on its own end; return the end for masters, with the port or device now known.
+
+    `name` is the bus in messages. Raises BusError when the bus cannot be opened.
+    """
+    errors = port_errors() if own.serial else (OSError, UnicodeError)
+    try:
+        return await _opened(server, own, theirs, slots)
+    except errors as error:
+        raise translate(error, name) from error
+
+
+async def _opened(
     server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus]
 ) -> ModbusSection:
-    """Let the server listen on its own end; return the end for masters, with the port or device now known."""
     if not own.serial:
         host, port = own.address
         port = await server.listen_tcp(host, port)
