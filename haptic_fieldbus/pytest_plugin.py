@@ -5,7 +5,7 @@ package until a test requests a fixture. How to use it: docs/how-to/test_your_ma
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +83,9 @@ def virtual_modbus_line(request: pytest.FixtureRequest, fault_plan: Any) -> "Ite
         named = _by_name(request, _MODBUS, "bus", "seed")
         line = VirtualModbusLine(_drives(request), _planner(request)(fault_plan), **named)
     request.node.add_report_section("setup", "simulated bench", str(line))
-    with line:
+    with ExitStack() as stack:
+        with _refusing():
+            stack.enter_context(line)
         yield line
 
 
@@ -130,7 +132,9 @@ def _planner(request: pytest.FixtureRequest) -> "Callable[..., FaultPlan]":
 @contextmanager
 def _refusing() -> Iterator[None]:
     """End the test with a sentence on a mark that cannot be fulfilled, without a traceback through this package."""
+    from haptic_fieldbus.errors import HapticFieldbusError
+
     try:
         yield
-    except (TypeError, ValueError) as error:  # a wrong keyword of a mark; the package's own errors of usage
+    except (TypeError, ValueError, HapticFieldbusError) as error:  # a wrong keyword of a mark; errors of the package
         pytest.fail(f"invalid marks of this test: {error}", pytrace=False)

@@ -75,7 +75,7 @@ DOES_WITHOUT = {
         "running.ending": "assessing.result",
     },
     "import haptic_fieldbus.pytest_plugin": {
-        "pytest_plugin": "sim.modbus.drives testing testing.modbus",
+        "pytest_plugin": "errors sim.modbus.drives testing testing.modbus",
     },
     "import haptic_fieldbus as h; from haptic_fieldbus.cycle.cycle import Cycle; Cycle(h.plan('wall'))": {
         "api": "api.provenance api.site recordings.reading running.changes running.session",

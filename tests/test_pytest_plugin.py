@@ -97,6 +97,7 @@ def test_a_seed_is_drawn_anew_for_each_test(pytest_on: Pytest) -> None:
         ("simulated_drive(node=0)", "node 0: expected a node-ID from 1 to 127"),
         ("simulated_drive(node=200)", "node 200: expected a node-ID from 1 to 127"),
         ("virtual_modbus_line()\n@pytest.mark.simulated_drive(node=300)", "node 300: expected a whole number from 1"),
+        ("virtual_modbus_line('modbus-rtu:/dev/none')", "modbus-rtu:/dev/none: no such device"),
         ('fault_plan("none.toml")', "none.toml"),
         ('fault_plan("random", kinds=["host_late"])', "kinds of faults host_late: expected some of"),
     ],

@@ -40,7 +40,7 @@ from haptic_fieldbus.recordings.provenance import Conditions, Provenance
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
-from haptic_fieldbus.sim.faults import Fault, load_faults
+from haptic_fieldbus.sim.faults import Fault, checked_faults, load_faults
 from haptic_fieldbus.sim.hand import Hand, hand_named
 
 if TYPE_CHECKING:  # a run in which nothing changes does without them
@@ -363,7 +363,7 @@ def faults_for(source: str | Path | Iterable[Fault] | None, duration: float, pla
     Raises FaultFileError or UsageError.
     """
     if not isinstance(source, str | Path):
-        return tuple(source or ())
+        return checked_faults(source or ())
     from haptic_fieldbus.sim.faults.drawing import drawn, seed_of
 
     seed = seed_of(str(source))

@@ -20,7 +20,7 @@ from haptic_fieldbus.planning.plan import BusPlan, Plan
 from haptic_fieldbus.protocols.registry import added
 from haptic_fieldbus.running.session import Site
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Fault, HostFault, faults_on
+from haptic_fieldbus.sim.faults import Fault, HostFault, faults_on, of_no_drive
 from haptic_fieldbus.sim.hand import Hand
 from haptic_fieldbus.sim.simulation import HostClock, Simulation
 
@@ -177,6 +177,9 @@ def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
         for fault in faults
         if fault.bus in known and fault.kind not in known[fault.bus]
     ]
+    for fault in faults:
+        named = [plan.on(bus) for bus in plan.buses if fault.bus in (None, bus.name)]
+        wrong += of_no_drive((fault,), {axis.node for part in named for axis in part.axes}) if named else ()
     raise_all(wrong)
 
 

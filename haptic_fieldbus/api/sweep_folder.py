@@ -367,15 +367,27 @@ class Sweep:
         return cls(folder.path, folder.manifest["inputs"]["engine"], folder.points.count, names, whole, **told)
 
     def tables(self, columns: Sequence[str] | None = None) -> "Iterator[pyarrow.Table]":
-        """Yield the rows of each chunk in their order, so that no more than one is held."""
+        """Yield the rows of each chunk in their order, so that no more than one is held.
+
+        Raises UsageError for a file whose end is whole and whose rows cannot be read, and without pyarrow.
+        """
         require("pyarrow", "data")
+        import pyarrow
         from pyarrow import parquet
 
         folder = SweepFolder.known(self.path)
         for chunk in filter(folder.is_whole, folder.chunks):
-            with parquet.ParquetFile(folder.file(chunk)) as opened:
-                known = opened.schema_arrow.names
-                yield opened.read(columns=None if columns is None else [name for name in columns if name in known])
+            file = folder.file(chunk)
+            try:
+                with parquet.ParquetFile(file) as opened:
+                    known = opened.schema_arrow.names
+                    table = opened.read(
+                        columns=None if columns is None else [name for name in columns if name in known]
+                    )
+            except (OSError, pyarrow.ArrowException) as error:
+                words = " ".join(str(error).split())
+                raise UsageError(f"{file}: damaged ({words}); delete it, and repeat the sweep") from error
+            yield table
 
     def to_arrow(self, columns: Sequence[str] | None = None) -> "pyarrow.Table":
         """Return all rows as one table of Arrow, empty before the first chunk; raises UsageError without pyarrow."""

@@ -39,7 +39,8 @@ if TYPE_CHECKING:
 
 FRAMES, ROWS = (".log", ".blf"), (".csv", ".mcap", ".parquet")
 """Suffixes of recordings of frames, and of one row a period."""
-_FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#([0-9A-F]*|R)$")
+# A remote frame may have its length, eight octets their length code; candump -x and python-can add a direction.
+_FRAME = re.compile(r"\((\d+\.\d+)\) (\S+) ([0-9A-F]+)#(?:(R)\d?|((?:[0-9A-F]{2})*))(?:_[0-9A-F])?(?: [RT])?$")
 
 
 # Provenance of any file that a run leaves.
@@ -307,14 +308,17 @@ def _candump(path: Path) -> RecordedRun:
     text = path.read_bytes().decode()
     if not text:
         raise UsageError(f"{path}: an empty file; expected frames as candump -L writes them")
-    found = [_FRAME.match(line) for line in text.splitlines()[: None if text.endswith("\n") else -1]]
+    lines = text.splitlines()[: None if text.endswith("\n") else -1]
+    found = [_FRAME.match(line) for line in lines]
     if not all(found):
-        raise UsageError(f"{path}: line {found.index(None) + 1} is not as candump -L writes it")
+        wrong = found.index(None)
+        words = "is a frame of CAN FD; remove such lines" if "##" in lines[wrong] else "is not as candump -L writes it"
+        raise UsageError(f"{path}: line {wrong + 1} {words}")
     frames = []
-    for time, channel, can_id, data in (each.groups() for each in found if each is not None):
+    for time, channel, can_id, remote, data in (each.groups() for each in found if each is not None):
         number = int(can_id, 16)
-        number |= EXTENDED * (len(can_id) > 3 and not number & ERROR) | REMOTE * (data == "R")
-        frames.append((float(time), channel, number, bytes.fromhex(data.removesuffix("R"))))
+        number |= EXTENDED * (len(can_id) > 3 and not number & ERROR) | REMOTE * bool(remote)
+        frames.append((float(time), channel, number, bytes.fromhex(data or "")))
     return _frames(path, frames, complete=text.endswith("\n"))
 
 

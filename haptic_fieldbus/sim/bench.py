@@ -17,6 +17,7 @@ from functools import partial
 from types import UnionType
 from typing import Protocol
 
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.settings import DriveSettings, drawn_settings
@@ -43,7 +44,9 @@ class TimerQueue:
         self._planned = 0
 
     def plan(self, t_ns: int, action: Action) -> None:
-        """Plan to call `action` at an instant, with that instant."""
+        """Plan to call `action` at an instant, with that instant; at NEVER_NS nothing is planned."""
+        if t_ns == NEVER_NS:
+            return
         self._planned += 1
         heapq.heappush(self._waiting, (t_ns, self._planned, action))
         self.due_ns = self._waiting[0][0]
@@ -155,8 +158,7 @@ def inject_drive(fault: faults.DriveFaultKind, drive: Drive, plan: Plan, t_ns: i
     """Apply a fault that happens at `t_ns`; raises ValueError for a fault of the link."""
     if isinstance(fault, faults.SafeTorqueOff):
         drive.sto(True, t_ns)
-        if fault.duration is not None:
-            plan(until(t_ns, fault.duration), lambda closed_ns: drive.sto(False, closed_ns))
+        plan(until(t_ns, fault.duration), lambda closed_ns: drive.sto(False, closed_ns))
         return
     # Bring the shaft up to date first: the encoder goes on from the counts of this instant.
     drive.measure(t_ns)
@@ -197,8 +199,12 @@ class DriveBench(ABC):
     At least the `longest` latest segments of the true motion of each drive are kept, None: all.
     """
 
-    of_line: UnionType
+    of_line: UnionType | type
     """Faults that concern every drive, regardless of their node."""
+    kinds: frozenset[str]
+    """Kinds of faults that the bus and its drives may have."""
+    protocol: str
+    """Name of the protocol, in messages."""
 
     def __init__(self, seed: int | str, longest: int | None) -> None:
         self.queue = TimerQueue()
@@ -208,6 +214,13 @@ class DriveBench(ABC):
         """Each drive by its number on the bus."""
         self.timed: list[Ticking] = []
 
+    def check(self, slot: DriveOnBus) -> None:
+        """Raise UsageError when the number of a drive is taken, or for faults that it cannot have."""
+        if slot.node in self.by_node:
+            raise UsageError(f"node {slot.node} is on this bus already")
+        if wrong := sorted({fault.kind for fault in slot.faults} - self.kinds):
+            raise UsageError(f"drives on {self.protocol} do not support the fault {', '.join(wrong)}; remove it")
+
     def drawn(self, slot: DriveOnBus) -> DriveSettings:
         """Return the settings of a drive, as drawn from the seed."""
         drawn = drawn_settings(self._seed, slot.node)
@@ -216,9 +229,8 @@ class DriveBench(ABC):
     def follow(self, drive: Drive, slot: DriveOnBus) -> None:
         """Install the faults of a drive that exist from power-on, and schedule the others from *operation enabled* on.
 
-        The drive is among those of the bus already.
+        Only then is its number taken.
         """
-        self.by_node[slot.node] = drive
         drive.plant.recorder.longest = self._longest
         timed: list[TimedFault] = []
         for fault in slot.faults:
@@ -230,6 +242,7 @@ class DriveBench(ABC):
                 timed.append(fault)
         drive.on_enabled = partial(self._schedule.begin, timed, slot.node, partial(self.action, slot.node))
         drive.on_freed = lambda _t_ns: self._schedule.freed(slot.node)
+        self.by_node[slot.node] = drive
 
     @abstractmethod
     def install(self, fault: faults.LastingFault, node: int) -> None:

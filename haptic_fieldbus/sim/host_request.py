@@ -17,13 +17,13 @@ from haptic_fieldbus.defaults import (
 )
 from haptic_fieldbus.documents import is_path
 from haptic_fieldbus.drive.rig import Rig, RigAxis, Seen, default_axis
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import DocumentError, UsageError
 from haptic_fieldbus.protocols.catalogue import load_profile, profile_names
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.protocols.registry import parse_bus, protocol_named
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault
+from haptic_fieldbus.sim.faults import Fault, HostFault, LineFault, of_no_drive
 from haptic_fieldbus.sim.hand import Hand, hand_named
 
 # The text form of the drives on a simulated bus: `maxon_epos4@5,generic_cia402@6`, profile @ node-ID.
@@ -114,14 +114,14 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
     ]
     slots: list[DriveOnBus] = []
     bus, drives, hand = None, [], None
-    with _collecting(faults):
+    with collecting(faults):
         hand = hand_named(request.hand)
         # As in a run on a simulated bus: the hand waits until force has faded in.
         hand = hand.after(DEFAULT_FADE_IN) if hand is not None else None
-    with _collecting(faults):
+    with collecting(faults):
         bus = joined_bus(request.bus)
         faults += _strange(bus, request.faults)
-    with _collecting(faults):
+    with collecting(faults):
         protocol = protocol_named(bus.section.protocol if bus is not None else DEFAULT_PROTOCOL)
         texts = [f"{axis.profile}@{axis.node}" for axis in request.axes]
         nodes: Sequence[int] = protocol.nodes
@@ -130,7 +130,7 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
             nodes = [each for each in range(HIGHEST_NUMBER + 1) if not protocol.wanted_node(each, interface)]
         drives = numbered(texts or request.drives or [protocol.default_drive], request.node, nodes)
     for drive, axis in zip(drives, request.axes or [None] * len(drives), strict=False):
-        with _collecting(faults):
+        with collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
             slot = slot_of(*bench, booted=False, profiles=request.profiles, axis=axis)
             spoken = slot.profile.drive.protocol
@@ -138,6 +138,8 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
                 wrong = f"{slot.axis.profile} uses {spoken}, but {bus.text} is a {bus.section.protocol} bus"
                 raise UsageError(wrong)
             slots.append(replace(slot, led=hand is not None and spoken in _TELL_EXCHANGE))
+    if drives:
+        faults += of_no_drive(request.faults, {drive.node for drive in drives})
     if bus is None or faults:
         raise UsageError("\n".join(faults))
     return bus, slots
@@ -184,10 +186,11 @@ def _strange(bus: BusName, faults: Iterable[Fault]) -> list[str]:
 
 
 @contextmanager
-def _collecting(faults: list[str]) -> Iterator[None]:
+def collecting(faults: list[str]) -> Iterator[None]:
+    """Append the fault that a `with` block raises, so that all faults are told at once."""
     try:
         yield
-    except UsageError as error:
+    except (UsageError, DocumentError) as error:
         faults.append(str(error))
 
 

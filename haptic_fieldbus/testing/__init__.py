@@ -56,11 +56,17 @@ def check_element(element: AnyElement, reach: Reach = REACH) -> None:
     """Try an element, and raise AssertionError with all that breaks its contract.
 
     `reach` is middle and amplitude of the positions at which the element is used [m or rad]. Raises TypeError for an
-    object that is no element.
+    object that is no element, and for another reach.
     """
     wanted = ("name", "needs", "linearised")
-    if isinstance(element, type) or not all(hasattr(element, each) for each in wanted):
-        raise wrong_kind("element", f"an object with {', '.join(wanted)} and a law", element)
+    on_an_axis = hasattr(element, "axis") or hasattr(element, "axes")
+    if isinstance(element, type) or not on_an_axis or not all(hasattr(element, each) for each in wanted):
+        raise wrong_kind("element", f"an object with {', '.join(wanted)}, axis or axes, a law", element)
+    match reach:
+        case (int() | float() as middle, int() | float() as amplitude) if math.isfinite(middle) and 0 < amplitude < 1e6:
+            pass
+        case _:
+            raise wrong_kind("reach", "a middle, and an amplitude above 0 and below 1e6", reach)
     _judge(element, (_form, _needs_and_linear_model, _steepness, _bounds, _force, _not_a_number), reach)
 
 

@@ -1,5 +1,6 @@
 """A simulated bus with its drives, for one test: any program of the process can open it."""
 
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable
@@ -18,7 +19,7 @@ from canopen.network import PeriodicMessageTask
 from haptic_fieldbus.clock import Clock, MonotonicClock, VirtualClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_DRIVE, DEFAULT_HOSTED_HAND, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import DriveProfile
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all, wrong_kind
 from haptic_fieldbus.protocols.canopen.bus import BITRATES, NODES
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.signals import Workspace
@@ -28,10 +29,20 @@ from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive.core import Drive
 from haptic_fieldbus.sim.drive.dictionary import AccessRefused
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
-from haptic_fieldbus.sim.faults import DriveFault, DriveFaultKind, Fault, HostFault, LineFault, load_faults, toml_of
+from haptic_fieldbus.sim.faults import (
+    DriveFault,
+    DriveFaultKind,
+    Fault,
+    HostFault,
+    LineFault,
+    checked_faults,
+    load_faults,
+    of_no_drive,
+    toml_of,
+)
 from haptic_fieldbus.sim.faults.drawing import ANSWER_RECIPES, RANDOM, RECIPES, drawn, seed_of
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.host_request import NamedDrive, slot_of
+from haptic_fieldbus.sim.host_request import NamedDrive, collecting, slot_of
 
 # A simulated drive as a test sees it: from inside, beside the wire.
 
@@ -124,6 +135,7 @@ class SimulatedDrive(DriveInside):
 
     def happen(self, fault: DriveFaultKind | LineFault) -> None:
         """Let a fault of this drive or of its bus happen; its `at` counts from now."""
+        checked_faults((fault,))
         if not isinstance(fault, DriveFaultKind | LineFault):
             raise ValueError(f'fault "{fault.kind}" cannot begin while the bench runs')
         with self._world.pace.held():
@@ -182,8 +194,12 @@ def plan_faults(
         source = f"{RANDOM}{SystemRandom().randint(0, _LARGEST_NEW_SEED) if seed is None else seed}"
     number = seed_of(str(source)) if isinstance(source, str | Path) else None
     if number is not None:
+        if not 0.0 < within < math.inf:
+            raise UsageError(f"within {within!r}: expected a time above 0 s")
         return FaultPlan(drawn(number, within, _kinds(kinds, possible)), number)
-    faults = load_faults((folder or Path()) / source) if isinstance(source, str | Path) else tuple(source)
+    if not isinstance(source, str | Path | Iterable):
+        raise wrong_kind("faults", "a file, a list of faults, random@SEED or random", source)
+    faults = load_faults((folder or Path()) / source) if isinstance(source, str | Path) else checked_faults(source)
     for fault in faults:
         if isinstance(fault, HostFault):
             raise UsageError(f'fault "{fault.kind}" is a fault of the host computer, which is real here; remove it')
@@ -197,7 +213,7 @@ def plan_faults(
 def _kinds(wanted: Iterable[str] | None, possible: Collection[str]) -> tuple[str, ...]:
     """Return the kinds to draw from; raises UsageError for one that cannot be drawn here."""
     here = [kind for kind in (*RECIPES, *ANSWER_RECIPES) if kind in possible and kind not in HOST_KINDS]
-    kinds = tuple(here if wanted is None else wanted)
+    kinds = tuple(here if wanted is None else [wanted] if isinstance(wanted, str) else wanted)
     unknown = [kind for kind in kinds if kind not in here]
     if unknown or not kinds:
         raise UsageError(f"kinds of faults {', '.join(unknown)}: expected some of {', '.join(here)}")
@@ -327,8 +343,9 @@ class VirtualCanBus:
     ) -> None:
         """Switch the drives on; they are pre-operational at once.
 
-        Raises UsageError for an unknown profile or hand, ProfileError or EdsError for a bad profile file, ValueError
-        for an unknown time or workspace, a bit rate or node-ID that no CAN bus has, and two drives of one node-ID.
+        Raises UsageError for an unknown profile or hand, a bad profile file, a fault that no CAN bus has, a bit rate or
+        node-ID that no CAN bus has, and two drives of one node-ID; ValueError
+        for an unknown time or workspace. All wrong drives are told at once.
         """
         if type(bitrate) is not int or not BITRATES[0] <= bitrate <= BITRATES[1]:
             raise UsageError(f"bitrate {bitrate!r}: expected a whole number from {BITRATES[0]} to {BITRATES[1]} bit/s")
@@ -338,10 +355,15 @@ class VirtualCanBus:
         self.channel = f"simulated-{next(_NUMBERS)}"
         self.bitrate, self.seed = bitrate, seed
         self._world = World(self.clock, bitrate, seed, _LONGEST)
-        slots = [each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults) for each in drives]
-        if wrong := [slot.node for slot in slots if slot.node not in NODES]:
-            raise UsageError(f"node {wrong[0]!r}: expected a node-ID from {NODES[0]} to {NODES[-1]}")
-        self.drives = {slot.node: SimulatedDrive(self._world, self._world.add(slot), slot.profile) for slot in slots}
+        self.drives: dict[int, SimulatedDrive] = {}
+        wrong: list[str] = []
+        for each in drives:
+            with collecting(wrong):
+                slot = each.slot(DEFAULT_DRIVE, self.channel, self.faults.faults)
+                if type(slot.node) is not int or slot.node not in NODES:
+                    raise UsageError(f"node {slot.node!r}: expected a node-ID from {NODES[0]} to {NODES[-1]}")
+                self.drives[slot.node] = SimulatedDrive(self._world, self._world.add(slot), slot.profile)
+        raise_all(wrong or of_no_drive(self.faults.faults, self.drives))
         self._networks: list[SteppedNetwork] = []
         self._stack = ExitStack()
 

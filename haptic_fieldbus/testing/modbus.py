@@ -13,13 +13,16 @@ from threading import Event, Thread
 
 from haptic_fieldbus.clock import MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_MODBUS_DRIVE, DEFAULT_SEED
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.protocols.modbus.bus import line_of, modbus_section, parse_bus
 from haptic_fieldbus.protocols.modbus.profile import ModbusProfile, modbus_profile
 from haptic_fieldbus.protocols.modbus.protocol import PROTOCOL
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
 from haptic_fieldbus.sim.drive.core import Drive
+from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
+from haptic_fieldbus.sim.faults import checked_faults, of_no_drive
+from haptic_fieldbus.sim.host_request import collecting
 from haptic_fieldbus.sim.modbus.drives import KINDS
 from haptic_fieldbus.sim.modbus.hosting import Server, device, listen
 from haptic_fieldbus.sim.modbus.registers import Refusal
@@ -54,10 +57,13 @@ class VirtualModbusLine:
             raise UsageError(f'a Modbus line does not support the fault "{wrong[0]}"; remove it')
         self._section = modbus_section(parse_bus(bus).section)
         requests = tuple(drives) or (DriveRequest(),)
-        self._slots = [each.slot(DEFAULT_MODBUS_DRIVE, "line", self.faults.faults) for each in requests]
-        for slot in self._slots:
-            if wanted := PROTOCOL.wanted_node(slot.node, self._section.interface):
-                raise UsageError(f"node {slot.node!r}: expected {wanted}")
+        self._slots: list[DriveOnBus] = []
+        for each in requests:
+            with collecting(wrong):
+                self._slots.append(slot := each.slot(DEFAULT_MODBUS_DRIVE, "line", self.faults.faults))
+                if wanted := PROTOCOL.wanted_node(slot.node, self._section.interface):
+                    raise UsageError(f"node {slot.node!r}: expected {wanted}")
+        raise_all(wrong or of_no_drive(self.faults.faults, [slot.node for slot in self._slots]))
         line_of(self._section, [modbus_profile(slot.profile) for slot in self._slots])
         self.name = bus
         """The bus as the command line of haptic-fieldbus names it."""
@@ -119,7 +125,7 @@ class VirtualModbusLine:
             self.drives[slot.node] = SimulatedUnit(self, server, unit, clock)
         with device(section) as (own, theirs):
             try:
-                self._opened.set_result(PROTOCOL.bus_name(await listen(server, own, theirs, self._slots)))
+                self._opened.set_result(PROTOCOL.bus_name(await listen(server, own, theirs, self._slots, self.name)))
                 while not self._stopped.is_set():
                     await asyncio.sleep(POLL)  # until the next look at the timers
                     server.requests.drives.run(clock.now_ns())
@@ -151,6 +157,7 @@ class SimulatedUnit(DriveInside):
 
     def happen(self, fault: faults.DriveFaultKind | faults.AnswerFault) -> None:
         """Let a fault of this drive or of its answers happen; its `at` counts from now."""
+        checked_faults((fault,))
         if fault.kind not in KINDS or not isinstance(fault, faults.DriveFaultKind | faults.AnswerFault):
             raise ValueError(f'fault "{fault.kind}" cannot begin while the line runs')
         self._now(lambda: self._server.requests.drives.let_happen(fault, self.node, self._clock.now_ns()))

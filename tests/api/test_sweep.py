@@ -585,7 +585,11 @@ def test_a_folder_that_is_damaged_is_read_up_to_what_is_whole(tmp_path: Path) ->
     stray = out / "chunk-000009.parquet"
     stray.write_bytes(chunks[0].read_bytes())
     assert (Sweep.read(out).complete, rows(Sweep.read(out))) == (True, whole)
-    chunks[1].write_bytes(chunks[1].read_bytes()[:100])
+    octets = chunks[1].read_bytes()
+    chunks[1].write_bytes(octets[:4] + b"\xff" * 200 + octets[204:])
+    with pytest.raises(UsageError, match=r"chunk-000001\.parquet: damaged \(.*\); delete it, and repeat the sweep"):
+        Sweep.read(out).to_arrow()
+    chunks[1].write_bytes(octets[:100])
     found = Sweep.read(out)
     assert not found.complete
     assert rows(found) == whole[:10] + whole[20:]

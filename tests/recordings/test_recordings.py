@@ -481,7 +481,8 @@ def test_what_is_no_recording_is_said(tmp_path: Path) -> None:
         ("e.log", b"", "an empty file; expected frames"),
         ("f.log", b"(1.0) can0 123#00\n\xb5\n", "line 2: not UTF-8: octet 0xB5"),
         ("a.log", b"no\n", "line 1 is not as candump -L writes it"),
-        ("odd.log", b"(1.0) can0 123#0\n", "no recording of this format"),
+        ("odd.log", b"(1.0) can0 123#0\n", "line 1 is not as candump -L writes it"),
+        ("fd.log", b"(1.0) can0 123#00 R\n(1.0) can0 123##4AABB R\n", "line 2 is a frame of CAN FD; remove such lines"),
         ("a.blf", b"no" * 200, "no recording of this format"),
         ("a.parquet", b"PAR1" * 20, "no recording of this format"),
     ):
@@ -576,6 +577,18 @@ def test_identifiers_have_the_flags_that_tell_kinds_of_frames_apart(tmp_path: Pa
         for message in messages:
             writer.on_message_received(message)
     assert [hex(each) for each in read_recording(tmp_path / "a.blf")["can_id"]] == ["0x181", "0x80000181", "0x40000701"]
+
+
+def test_frames_have_what_candump_adds_to_them(tmp_path: Path) -> None:
+    """Lengths of remote frames, length codes, and the direction that `candump -x` and python-can write."""
+    lines = ("123#R8", "12345678#R3 T", "123#1122334455667788_B R", "123#11 T", "20000080# R", "123#R8_B")
+    path = tmp_path / "a.log"
+    path.write_text("".join(f"(1.000000) can0 {each}\n" for each in lines))
+    found = read_recording(path)
+    assert [hex(each) for each in found["can_id"]] == [
+        "0x40000123", "0xd2345678", "0x123", "0x123", "0x20000080", "0x40000123"
+    ]  # fmt: skip
+    assert [each.hex() for each in found["data"]] == ["", "", "1122334455667788", "11", "", ""]
 
 
 def test_rows_without_provenance_have_none_of_another_recording(tmp_path: Path) -> None:

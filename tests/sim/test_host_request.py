@@ -87,6 +87,11 @@ class TestRequest:
         with pytest.raises(UsageError, match=said):
             resolve(HostRequest([drive], bus, faults=(fault,)))
 
+    def test_a_fault_of_a_drive_that_is_not_hosted_is_refused(self) -> None:
+        request = HostRequest(["generic_cia402@5"], "virtual:x", faults=(Emergency("emergency", 1.0, 1, node=9),))
+        with pytest.raises(UsageError, match='fault "emergency" is of node 9; the drives have: 5'):
+            resolve(request)
+
     def test_without_a_drive_it_is_the_one_that_is_assumed_on_such_a_bus(self) -> None:
         assert [slot.profile.name for slot in resolve(HostRequest([], "modbus-rtu:pty"))[1]] == [
             "generic_cia402_modbus"

@@ -15,6 +15,7 @@ from haptic_fieldbus.errors import (
     BusError,
     BusTimeoutError,
     DriveFaultError,
+    FaultFileError,
     HapticFieldbusError,
     SafetyTripError,
     UnprovedGuardError,
@@ -126,6 +127,10 @@ def test_a_fault_of_another_protocol_is_refused_before_anything_moves() -> None:
         rendered(TCP, faults.BusOff("bus_off", AT))
     with pytest.raises(UsageError, match='no bus of this run supports the fault "answer_lost"'):
         run("wall", faults=(faults.AnswerLost("answer_lost", AT),))
+    with pytest.raises(UsageError, match='fault "silence" is of node 9; the drives have: 1'):
+        run("wall", faults=(faults.Silence("silence", AT, node=9),))
+    with pytest.raises(FaultFileError, match=r"at: -1\.0; expected a number from 0"):
+        run("wall", faults=(faults.Silence("silence", -1.0),))
 
 
 @pytest.mark.thorough("the same run twice")

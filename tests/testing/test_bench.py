@@ -1,5 +1,6 @@
 """A simulated bus with its drives as the plugin's fixtures give them, in virtual and in real time."""
 
+import math
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -11,10 +12,10 @@ import pytest
 
 from haptic_fieldbus.drive.rig import BusSection, Rig, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import FaultFileError, UsageError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.faults import DriveFault, MissingNode, Silence
+from haptic_fieldbus.sim.faults import AnswerLost, DriveFault, Fault, MissingNode, Silence
 from haptic_fieldbus.testing import DriveRequest, FaultPlan, SimulatedDrive, VirtualCanBus, plan_faults
 
 NODE = 5
@@ -105,6 +106,13 @@ def test_a_drive_may_be_that_of_a_rig(tmp_path: Path) -> None:
         VirtualCanBus([DriveRequest(rig=str(file))], time="virtual")
 
 
+def test_all_drives_that_are_wrong_are_told_at_once() -> None:
+    with pytest.raises(UsageError) as refused:
+        VirtualCanBus([DriveRequest("maxon_epos5"), DriveRequest(node=500), DriveRequest(node=True)])
+    assert [line.split()[:2] for line in str(refused.value).splitlines()] == [["no", "profile"], ["node", "500:"],
+                                                                              ["node", "True:"]]  # fmt: skip
+
+
 def test_in_virtual_time_every_run_is_the_same() -> None:
     def frames() -> list[tuple[float, int, bytes]]:
         with (
@@ -184,6 +192,31 @@ class TestFaults:
     def test_one_that_exists_from_power_on_cannot_happen_later(self, simulated_drive: SimulatedDrive) -> None:
         with pytest.raises(ValueError, match='fault "missing_node" cannot begin while the bench runs'):
             simulated_drive.happen(MissingNode("missing_node"))  # type: ignore[arg-type]
+
+    def test_what_no_file_may_have_is_refused_in_python_too(self, simulated_drive: SimulatedDrive) -> None:
+        with pytest.raises(FaultFileError, match="code: 70000; expected a whole number from 1 to 65535"):
+            simulated_drive.fail(70000)
+        with pytest.raises(FaultFileError, match=r"at: -1\.0; expected a number from 0"):
+            plan_faults([Silence("silence", -1.0)])
+        with pytest.raises(TypeError, match=r"fault: expected an object of haptic_fieldbus\.sim\.faults, not 3"):
+            plan_faults([3])  # type: ignore[list-item]
+        with pytest.raises(TypeError, match="faults: expected a file, a list of faults"):
+            plan_faults(None)  # type: ignore[arg-type]
+        with pytest.raises(UsageError, match="within nan: expected a time above 0 s"):
+            plan_faults("random", within=math.nan)
+        assert plan_faults("random@3", kinds="silence").faults[0].kind == "silence"
+
+    @pytest.mark.parametrize(
+        ("fault", "said"),
+        [
+            (Silence("silence", 0.1, node=9), 'fault "silence" is of node 9; the drives have: 1'),
+            (AnswerLost("answer_lost", 0.1), "drives on CAN do not support the fault answer_lost; remove it"),
+        ],
+    )
+    def test_a_fault_that_no_drive_of_the_bus_has_is_refused(self, fault: Fault, said: str) -> None:
+        """It would never happen, and a test of a master would pass for nothing."""
+        with pytest.raises(UsageError, match=said):
+            VirtualCanBus(faults=FaultPlan((fault,)))
 
     def test_a_drawn_plan_never_concerns_the_computer_of_the_master(self) -> None:
         kinds = {fault.kind for seed in range(300) for fault in plan_faults(f"random@{seed}").faults}

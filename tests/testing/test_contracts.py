@@ -266,7 +266,10 @@ def test_a_run_refuses_a_hand_that_the_check_refuses(changes: dict[str, Any]) ->
 @pytest.mark.parametrize(
     ("check", "expected"),
     [
-        (check_element, "element: expected an object with name, needs, linearised and a law, not 3 (int)"),
+        (
+            check_element,
+            "element: expected an object with name, needs, linearised, axis or axes, a law, not 3 (int)",
+        ),
         (check_estimator, "estimator: expected an object of Estimator, not 3 (int)"),
         (check_integrator, "integrator: expected an object of Integrator, not 3 (int)"),
         (check_hand, "hand: expected an object of Hand, not 3 (int)"),
@@ -281,6 +284,35 @@ def test_what_is_no_part_is_a_type_error(check: Callable[[Any], None], expected:
 def test_a_class_in_the_place_of_an_element_is_a_type_error() -> None:
     with pytest.raises(TypeError, match="element: expected an object with name"):
         check_element(Spring)  # type: ignore[arg-type]
+
+
+def test_an_element_without_an_axis_is_a_type_error() -> None:
+    """Its law is there; to name that as missing would mislead."""
+
+    @dataclass(frozen=True)
+    class Nowhere:
+        name: str = "nowhere"
+        needs: tuple[Signal, ...] = (Signal.POSITION,)
+
+        def linearised(self) -> StateSpace:
+            return gain([[-1.0, 0.0]])
+
+        def force(self, position: float) -> float:
+            return -position
+
+    with pytest.raises(
+        TypeError, match="element: expected an object with name, needs, linearised, axis or axes, a law"
+    ):
+        check_element(Nowhere())
+
+
+@pytest.mark.parametrize(
+    "reach", [(0.0, 0.0), (0.0, -1.0), (0.0, math.nan), (0.0, 1e300), (math.inf, 1.0), (1.0,), 3, ("a", "b")]
+)
+def test_a_reach_that_is_none_is_a_type_error(reach: Any) -> None:
+    """At a single place every element holds its bounds."""
+    with pytest.raises(TypeError, match="reach: expected a middle, and an amplitude above 0 and below 1e6, not"):
+        check_element(Spring(), reach)
 
 
 def test_the_contracts_need_no_pytest() -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from pymodbus.client import ModbusTcpClient
 
-from haptic_fieldbus.errors import PlanError, UsageError
+from haptic_fieldbus.errors import HapticFieldbusError, PlanError, UsageError
 from haptic_fieldbus.sim.faults import AnswerException, BusOff, MissingNode, Silence
 from haptic_fieldbus.testing import DriveRequest, FaultPlan, plan_faults
 from haptic_fieldbus.testing.modbus import SimulatedUnit, VirtualModbusLine
@@ -83,7 +83,25 @@ def test_a_line_may_be_a_pseudo_terminal(
     assert repr(simulated_drive) == f"<simulated {simulated_drive.profile.title}, unit {UNIT}: switch on disabled>"
 
 
+@pytest.mark.parametrize(
+    ("bus", "units", "said"),
+    [
+        ("modbus-rtu:/dev/no-such-device", (1,), "modbus-rtu:/dev/no-such-device: no such device"),
+        ("modbus-tcp:127.0.0.1:0", (5, 5), "node 5 is on this bus already"),
+    ],
+)
+def test_a_line_that_cannot_be_opened_is_told_in_a_sentence(bus: str, units: tuple[int, ...], said: str) -> None:
+    line = VirtualModbusLine([DriveRequest(node=unit) for unit in units], bus=bus)
+    with pytest.raises(HapticFieldbusError, match=said), line:
+        pass
+
+
 def test_what_cannot_be_there_is_refused() -> None:
+    with pytest.raises(UsageError) as refused:
+        VirtualModbusLine([DriveRequest("maxon_epos5"), DriveRequest(node=300)])
+    assert [line.split()[0] for line in str(refused.value).splitlines()] == ["no", "node"]
+    with pytest.raises(UsageError, match='fault "silence" is of node 9; the drives have: 1'):
+        VirtualModbusLine(faults=FaultPlan((Silence("silence", 0.1, node=9),)))
     with pytest.raises(UsageError, match='a Modbus line does not support the fault "bus_off"'):
         VirtualModbusLine(faults=FaultPlan((BusOff("bus_off", 0.1),)))
     with pytest.raises(PlanError, match="supports Modbus RTU"):

@@ -16,14 +16,14 @@ from can.typechecking import CanFilters
 
 from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_HOSTED_HAND, DEFAULT_SEED
-from haptic_fieldbus.errors import HapticFieldbusError
+from haptic_fieldbus.errors import HapticFieldbusError, raise_all
 from haptic_fieldbus.protocols.canopen.bus import SIMULATION_INTERFACE, CanSection
 from haptic_fieldbus.signals import Workspace
 from haptic_fieldbus.sim.canopen.link import Frame, Received
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.hand import hand_named
-from haptic_fieldbus.sim.host_request import drive_of, slot_of
+from haptic_fieldbus.sim.host_request import collecting, drive_of, slot_of
 
 _MAX_OCTETS = 8
 _LONGEST = 100_000
@@ -73,9 +73,12 @@ class SimulatedBus(can.BusABC):
         self._channel = channel if world is None else None
 
         def make(clock: Clock) -> World:
-            made = World(clock, bitrate, seed, _LONGEST)
-            for drive in map(drive_of, channel.split(",")):
-                made.add(slot_of(drive, channel, Workspace(workspace), hand_named(hand), profiles=profiles))
+            made, place = World(clock, bitrate, seed, _LONGEST), (channel, Workspace(workspace), hand_named(hand))
+            faults: list[str] = []
+            for text in channel.split(","):
+                with collecting(faults):
+                    made.add(slot_of(drive_of(text), *place, profiles=profiles))
+            raise_all(faults)
             return made
 
         self.world = world or _shared_world(channel, bitrate, clock, make)

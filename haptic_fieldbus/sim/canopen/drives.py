@@ -9,10 +9,12 @@ from functools import partial
 from typing import assert_never
 
 from haptic_fieldbus.defaults import DEFAULT_SEED
+from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.sim import NEVER_NS, faults
 from haptic_fieldbus.sim.bench import Action, DriveBench, Plan, TimedFault, inject_drive, until, with_faulty_hand
 from haptic_fieldbus.sim.canopen.link import Frame, Port
 from haptic_fieldbus.sim.canopen.slave import Slave
+from haptic_fieldbus.sim.drive.dictionary import AccessRefused
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from haptic_fieldbus.sim.faults import AnswerFault, DriveFaultKind, Fault, HostFault, LineFault, kinds_of
 
@@ -55,7 +57,7 @@ KINDS = kinds_of(Fault) - kinds_of(AnswerFault)
 class SimulatedDrives(DriveBench):
     """The slaves by node-ID; all times are those of one clock [ns]."""
 
-    of_line = LineFault | HostFault
+    of_line, kinds, protocol = LineFault | HostFault, KINDS, "CAN"
     inject_line: Callable[[LineFault | HostFault, int], None] | None = None
     """Applies a fault of the bus or of the host; None for a real bus, on which no faults can be simulated."""
 
@@ -68,8 +70,8 @@ class SimulatedDrives(DriveBench):
         self.plan = self.queue.plan
 
     def add(self, slot: DriveOnBus, port: Port, t_ns: int) -> Slave:
-        """Power on a drive that sends through this port; raises ValueError when its node-ID is taken."""
-        self.check_free(slot.node)
+        """Power on a drive that sends through this port; raises UsageError (see `check`)."""
+        self.check(slot)
         slave = Slave(with_faulty_hand(slot), port.send, self.drawn(slot), t_ns)
         self.slaves[slot.node] = slave
         self.follow(slave.drive, slot)
@@ -78,11 +80,6 @@ class SimulatedDrives(DriveBench):
         slave.power_on(t_ns, booted=slot.booted)
         self.find_due()
         return slave
-
-    def check_free(self, node: int) -> None:
-        """Raise ValueError when the node-ID is taken."""
-        if node in self.slaves:
-            raise ValueError(f"node {node} is on this bus already")
 
     def receive(self, frame: Frame, sender: Port | None, t_ns: int) -> None:
         """Pass a frame that has ended to every slave except its sender."""
@@ -127,7 +124,11 @@ class SimulatedDrives(DriveBench):
                 for subindex, value in ((1, vendor_id), (2, product_code)):
                     if value is not None:
                         # The default changes too, so that a reset of the node does not bring back the right identity.
-                        slave.drive.dictionary.find(0x1018, subindex).start_with(value)
+                        try:
+                            slave.drive.dictionary.find(0x1018, subindex).start_with(value)
+                        except AccessRefused:
+                            words = f"node {node} has no 1018h:{subindex:02X}, which this fault changes"
+                            raise UsageError(f"{fault.kind}: {words}") from None
             case faults.SdoRefusal(object=index, subindex=subindex, code=code):
                 slave.node.sdo.refuse[index, subindex] = code
             case faults.DeadGuard(factor=factor):

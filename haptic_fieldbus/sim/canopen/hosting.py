@@ -24,7 +24,8 @@ from haptic_fieldbus.clock import Clock, MonotonicClock
 from haptic_fieldbus.defaults import DEFAULT_BIT_RATE, DEFAULT_SEED
 from haptic_fieldbus.errors import BusError, UsageError
 from haptic_fieldbus.numerals import rounded
-from haptic_fieldbus.protocols.canopen.bus import can_section
+from haptic_fieldbus.protocols.canopen.bus import SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID, can_section
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim.bench import LONGEST_REMEMBERED, NAP_NS, frozen
 from haptic_fieldbus.sim.canopen.drives import KINDS as KINDS
@@ -173,6 +174,9 @@ class HostPort:
 
 _BOOT_NS = 1_000_000
 """Time after power-on by which a drive has sent its boot-up message and is ready."""
+_ASKING_NS = 30_000_000
+"""Time in which a node that is on the bus already is heard, and then answers."""
+_READ_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
 _BURST = 1000
 """Most frames sent before the bus is read again, in case drives answer each other without end."""
 
@@ -189,13 +193,18 @@ def host(
     """Host drives until `stopped()` is True; return the number of frames that could not be sent.
 
     `opened` is called once the bus is open, `ready` for each drive once it has booted; `tell` gets a sentence when the
-    bus goes down or returns. Raises UsageError or BusError when the bus cannot be opened, and ValueError when two
-    drives have the same node-ID.
+    bus goes down or returns. Raises UsageError or BusError when the bus cannot be opened, BusError when another device
+    on it has the node-ID of a drive, and UsageError when two drives have the same node-ID.
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
     host_port = HostPort(open_can(section), clock, bus.text, tell, partial(open_can, section))
     try:
+        if taken := _taken({slot.node for slot in slots}, host_port, clock):
+            raise BusError(
+                f"{bus.text}: another device on this bus has the node-ID {', '.join(map(str, sorted(taken)))}; choose "
+                "another one by --node or --drive PROFILE@NODE, or disconnect the other device"
+            )
         opened(bus)
         subject = Host(host_port, clock, seed, bitrate=section.bitrate)
         for slot in slots:
@@ -209,6 +218,23 @@ def host(
         return host_port.lost
     finally:
         host_port.close()
+
+
+def _taken(nodes: set[int], host_port: HostPort, clock: Clock) -> set[int]:
+    """Return the node-IDs that other devices have: those that send unasked, and those that answer one SDO request.
+
+    A node that is heard first is not asked, since the request could disturb its master.
+    """
+    taken: set[int] = set()
+    for asked in (False, True):
+        for node in sorted(nodes - taken) if asked else ():
+            host_port.send(Frame(SDO_REQUEST_COB_ID + node, _READ_DEVICE_TYPE))
+        end_ns = clock.now_ns() + _ASKING_NS
+        while taken < nodes and (remaining_ns := end_ns - clock.now_ns()) > 0:
+            frame = host_port.receive(remaining_ns)
+            if frame is not None and not frame.remote and not frame.extended:
+                taken |= nodes & {frame.can_id - SDO_RESPONSE_COB_ID, frame.can_id - HEARTBEAT_COB_ID}
+    return taken
 
 
 class Host:
@@ -227,7 +253,7 @@ class Host:
         """Handlers of the nodes at the last setting of the frame filter."""
 
     def add(self, slot: DriveOnBus) -> None:
-        """Build a drive with everything for its steps, and power it on; raises ValueError when its node-ID is taken."""
+        """Build a drive with everything for its steps, and power it on; raises UsageError when its node-ID is taken."""
         slave = self._drives.add(slot, Port(in_order=False), self._clock.now_ns())
         self._routes.append(None)
         slave.node.commission(self._bitrate)

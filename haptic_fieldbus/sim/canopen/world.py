@@ -242,9 +242,9 @@ class World(DrivenBus):
     # Setting up.
 
     def add(self, slot: DriveOnBus) -> Slave:
-        """Put a drive on the wire; raises ValueError when its node-ID is taken."""
+        """Put a drive on the wire; raises UsageError (see `DriveBench.check`)."""
         # Before a port is attached, which a refused drive would leave behind.
-        self._drives.check_free(slot.node)
+        self._drives.check(slot)
         self.run()
         slave = self._drives.add(slot, self._wire.attach(in_order=False), self._now_ns)
         slave.node.commission(self.bitrate)

@@ -6,18 +6,18 @@ of the rig, None every bus. `duration` [s] None is for ever.
 """
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Literal, dataclass_transform, get_args
 
 from annotated_types import Ge, Le, Len
 
-from haptic_fieldbus.documents import read_document
+from haptic_fieldbus.documents import Document, read_document
 from haptic_fieldbus.drive.fields import Counts, NonNegativeTime, Table, Time, UInt32
 from haptic_fieldbus.drive.rig import ByKind
 from haptic_fieldbus.errors import Fault as FileFault
-from haptic_fieldbus.errors import FaultFileError
+from haptic_fieldbus.errors import FaultFileError, wrong_kind
 
 # The fields that all kinds of faults share, and the types of fields that several have.
 
@@ -405,6 +405,25 @@ def load_faults(path: str | Path) -> tuple[Fault, ...]:
     if not (found := document.checked(document.validate(FaultFile)).fault):
         raise FaultFileError(path, [FileFault("", "no fault in it; expected tables [[fault]]")])
     return found
+
+
+def checked_faults(faults: Iterable[Fault]) -> tuple[Fault, ...]:
+    """Return faults that were made in Python, checked as those of a file; raises FaultFileError or TypeError."""
+    for fault in (given := tuple(faults)):
+        if not isinstance(fault, Fault):
+            raise wrong_kind("fault", "an object of haptic_fieldbus.sim.faults", fault)
+    document = Document("faults", toml_of(given), FaultFileError)
+    return document.checked(document.validate(FaultFile)).fault
+
+
+def of_no_drive(faults: Iterable[Fault], nodes: Collection[int]) -> list[str]:
+    """Return a sentence for each fault whose node is none of these."""
+    here = ", ".join(map(str, sorted(nodes)))
+    return [
+        f'fault "{fault.kind}" is of node {fault.node}; the drives have: {here}'
+        for fault in faults
+        if fault.node is not None and fault.node not in nodes
+    ]
 
 
 def toml_of(faults: Iterable[Fault]) -> str:

@@ -87,7 +87,7 @@ InjectLine = Callable[[faults.LineDisturbance | faults.HostFault, int, int], Non
 class SimulatedUnits(DriveBench):
     """The drives by unit id; all times are those of one clock [ns]."""
 
-    of_line = faults.ConnectionReset | faults.HostFault
+    of_line, kinds, protocol = faults.ConnectionReset | faults.HostFault, KINDS, "Modbus"
 
     def __init__(self, inject_line: InjectLine, seed: int | str = DEFAULT_SEED, longest: int | None = None) -> None:
         super().__init__(seed, longest)
@@ -97,9 +97,8 @@ class SimulatedUnits(DriveBench):
         self._inject_line = inject_line
 
     def add(self, slot: DriveOnBus, t_ns: int) -> Unit:
-        """Power a drive on; raises ValueError when its unit id is taken."""
-        if slot.node in self.units:
-            raise ValueError(f"unit {slot.node} is on this line already")
+        """Power a drive on; raises UsageError (see `check`)."""
+        self.check(slot)
         unit = Unit(with_faulty_hand(slot), self.drawn(slot), t_ns)
         self.units[slot.node] = unit
         self.follow(unit.drive, slot)

@@ -21,6 +21,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from haptic_fieldbus.buses.modbus.transport import port_errors, translate
 from haptic_fieldbus.clock import Clock, MonotonicClock
+from haptic_fieldbus.errors import BusError
 from haptic_fieldbus.protocols.modbus.bus import ModbusSection, line_of, modbus_section
 from haptic_fieldbus.protocols.modbus.profile import modbus_profile
 from haptic_fieldbus.protocols.protocol import BusName
@@ -105,6 +106,12 @@ class Server:
         self._listener: ModbusBaseServer | None = None
         self._connections: list[Connection] = []
         self._dead_until_ns = -NEVER_NS
+        self._serial = serial
+
+    @property
+    def gone(self) -> bool:
+        """Return whether the serial device has gone, such as an adapter that was unplugged."""
+        return self._serial and not self._connections[-1].transport
 
     async def listen_tcp(self, host: str, port: int) -> int:
         """Listen; return the port, a free one for 0. Raises OSError."""
@@ -188,22 +195,18 @@ def host(
     """Host drives until `stopped()` is True; return 0, since no answer is lost here.
 
     `opened` is called with the open bus, which has the port or the device for masters, and `ready` for each drive.
-    Raises BusError when the bus cannot be opened, and ValueError when two drives have the same unit id. Raises
-    PlanError for drives that are not made for such a line.
+    Raises BusError when the bus cannot be opened or its device goes away, UsageError when two drives have the same unit
+    id, and PlanError for drives that are not made for such a line.
     """
     section, clock = modbus_section(bus.section), MonotonicClock()
     line_of(section, [modbus_profile(slot.profile) for slot in slots])
-    errors = port_errors() if section.serial else (OSError, UnicodeError)
 
     async def serve() -> None:
         server = Server(clock, seed, serial=section.serial, longest=LONGEST_REMEMBERED)
         for slot in slots:
             server.requests.drives.add(slot, clock.now_ns()).drive.plant.prepare()
         with device(section) as (own, theirs):
-            try:
-                joined = await listen(server, own, theirs, slots)
-            except errors as error:
-                raise translate(error, bus.text) from error
+            joined = await listen(server, own, theirs, slots, bus.text)
             try:
                 opened(protocol_named(section.protocol).bus_name(joined))
                 if joined.channel.startswith(PSEUDO_TERMINALS):
@@ -214,6 +217,8 @@ def host(
                     while not stopped():
                         await asyncio.sleep(NAP_NS * 1e-9)
                         server.requests.drives.run(clock.now_ns())
+                        if server.gone:
+                            raise BusError(f"{bus.text}: the device has gone; plug it in, and host the drives again")
             finally:
                 await server.close()
 
@@ -222,9 +227,22 @@ def host(
 
 
 async def listen(
+    server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus], name: str
+) -> ModbusSection:
+    """Let the server listen on its own end; return the end for masters, with the port or device now known.
+
+    `name` is the bus in messages. Raises BusError when the bus cannot be opened.
+    """
+    errors = port_errors() if own.serial else (OSError, UnicodeError)
+    try:
+        return await _opened(server, own, theirs, slots)
+    except errors as error:
+        raise translate(error, name) from error
+
+
+async def _opened(
     server: Server, own: ModbusSection, theirs: ModbusSection, slots: Sequence[DriveOnBus]
 ) -> ModbusSection:
-    """Let the server listen on its own end; return the end for masters, with the port or device now known."""
     if not own.serial:
         host, port = own.address
         port = await server.listen_tcp(host, port)

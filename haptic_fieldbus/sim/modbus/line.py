@@ -79,7 +79,7 @@ class SimulatedLine(DrivenBus):
     # Setting up.
 
     def add(self, slot: DriveOnBus) -> Unit:
-        """Put a drive on the line; raises ValueError when its unit id is taken."""
+        """Put a drive on the line; raises UsageError (see `check`)."""
         return self._drives.add(slot, self._clock.now_ns())
 
     def unit(self, number: int) -> Unit:

@@ -58,6 +58,16 @@ def test_a_world_that_cannot_be_made_is_refused(channel: str, options: dict[str,
         SimulatedBus(channel, **options)  # type: ignore[arg-type]
 
 
+def test_all_drives_of_a_channel_that_are_wrong_are_told_at_once() -> None:
+    with pytest.raises(can.CanInitializationError) as refused:
+        SimulatedBus("maxon_epos5@5,maxon_epos4@200,generic_cia402@6,generic_cia402@6")
+    assert [line.split(maxsplit=1)[0] for line in str(refused.value).splitlines()] == [
+        "no",
+        '"maxon_epos4@200":',
+        "node",
+    ]
+
+
 class TestSharing:
     """One channel name in a process is one bus."""
 

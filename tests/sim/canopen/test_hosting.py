@@ -5,6 +5,7 @@ import math
 import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -216,13 +217,53 @@ class TestHosting:
         with can.Bus(interface="virtual", channel="hosting until asked") as ear:
 
             def ready(slot: DriveOnBus) -> None:
-                boot_up = ear.recv(0)
-                assert boot_up is not None, "it is ready when its boot-up message has been sent"
-                told.append(boot_up.arbitration_id - 0x700)
-                assert slot.node == told[-1]
+                heard = [each.arbitration_id for each in iter(lambda: ear.recv(0), None)]
+                assert heard == [0x607, 0x707], "it asks for its node-ID, and is ready after its boot-up message"
+                told.append(slot.node)
 
             assert host(bus, slots, 0, ready, lambda: next(asked)) == 0
         assert told == [7]
+
+    @pytest.mark.parametrize("other", ["asked", "unasked", "remote", "of another node"])
+    def test_a_node_id_that_another_device_has_is_refused_before_anything_is_opened(self, other: str) -> None:
+        """The other device answers the one request, or sends a heartbeat before it is asked."""
+        bus, slots = resolve(HostRequest(["generic_cia402@7", "generic_cia402@8"], f"virtual:hosting twice {other}"))
+        told: list[object] = []
+        with can.Bus(interface="virtual", channel=f"hosting twice {other}") as device:
+            heard = can.Message(
+                arbitration_id={"asked": 0x587, "of another node": 0x709}.get(other, 0x707),
+                data=None if other == "remote" else bytes(8),
+                is_remote_frame=other == "remote",
+                is_extended_id=False,
+            )
+
+            def answer(message: can.Message) -> None:
+                if message.arbitration_id == 0x607 or other != "asked":
+                    device.send(heard)
+
+            ended = threading.Event()
+            notifier = can.Notifier(device, [answer])
+            sender = None if other == "asked" else threading.Thread(target=_repeat, args=(device, heard, ended))
+            try:
+                if sender is not None:
+                    sender.start()
+                if other in ("remote", "of another node"):
+                    assert host(bus, slots, 0, told.append, lambda: True, opened=told.append) == 0
+                    assert len(told) == 3
+                else:
+                    with pytest.raises(BusError, match=r"another device on this bus has the node-ID 7; choose another"):
+                        host(bus, slots, 0, told.append, lambda: True, opened=told.append)
+                    assert told == []
+            finally:
+                ended.set()
+                notifier.stop()
+                if sender is not None:
+                    sender.join()
+
+
+def _repeat(device: can.BusABC, message: can.Message, ended: threading.Event) -> None:
+    while not ended.wait(0.005):
+        device.send(message)
 
 
 class TestWhatConcernsTheDrives:

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from haptic_fieldbus.clock import VirtualClock
+from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.protocols.canopen.profile import SimulationSection
 from haptic_fieldbus.sim import NEVER_NS, faults
+from haptic_fieldbus.sim.bench import TimerQueue
 from haptic_fieldbus.sim.canopen.link import INTERMISSION_BITS, Frame, wire_bits
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
@@ -303,6 +306,20 @@ class TestFaults:
             assert (master.read(NODE, 0x1018, 1), master.read(NODE, 0x1018, 2)) == wanted
             master.send(0, bytes((129, 0)))
             master.wait(50 * MS)
+
+    def test_a_wrong_identity_needs_the_object_that_it_changes(self) -> None:
+        bare = replace(profile(), simulation=SimulationSection(absent=(0x1018,)))
+        slot = DriveOnBus(NODE, bare, axis(), None, (faults.WrongIdentity("wrong_identity", product_code=9),))
+        world = World(VirtualClock())
+        with pytest.raises(UsageError, match=f"wrong_identity: node {NODE} has no 1018h:02, which this fault changes"):
+            world.add(slot)
+        world.add(replace(slot, faults=()))  # a refused drive takes no node-ID
+
+    def test_a_fault_without_an_end_plans_nothing(self) -> None:
+        queue, ended = TimerQueue(), list[int]()
+        queue.plan(NEVER_NS, ended.append)
+        queue.run(NEVER_NS - 1)
+        assert (queue.due_ns, queue._waiting, ended) == (NEVER_NS, [], [])
 
     def test_an_sdo_access_is_refused(self) -> None:
         master = _master(these=(faults.SdoRefusal("sdo_abort", 0x6060, code=0x0800_0022),))

@@ -17,6 +17,7 @@ import serial
 from haptic_fieldbus.errors import BusError, PlanError
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.sim import faults
+from haptic_fieldbus.sim.host_request import HostRequest, host_on, resolve
 from tests.sim.modbus.hosted import address_of, device_of, hosted
 from tests.sim.modbus.test_line import READ, crc, rtu, tcp
 from tests.sim.modbus.units import COMMAND, DEMAND, MODE, STATUS, TARGET, WATCHDOG
@@ -208,6 +209,23 @@ class TestRtu:
             hosted(TCP, "iris_orca"),
         ):
             pass
+
+    def test_a_device_that_goes_away_ends_the_hosting(self) -> None:
+        adapter, line = os.openpty()
+        tty.setraw(line)
+        bus, slots = resolve(HostRequest([], f"modbus-rtu:{os.ttyname(line)}"))
+        turns = iter(range(50))
+
+        def unplugged() -> bool:
+            if next(turns) == 2:
+                os.close(adapter)
+            return False
+
+        try:
+            with pytest.raises(BusError, match=r"the device has gone; plug it in"):
+                host_on(bus)(bus, slots, 1, lambda _slot: None, unplugged)
+        finally:
+            os.close(line)
 
     def test_a_device_that_is_not_there_is_told(self) -> None:
         with (

@@ -1,6 +1,7 @@
 """A simulated drive behind its registers: reading, writing, what it refuses, and its watch on the master."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -294,9 +295,10 @@ class TestFaults:
     def test_faults_of_another_protocol_are_refused(self) -> None:
         with pytest.raises(ValueError, match="drives on Modbus do not support the fault sdo_abort"):
             Driven(GENERIC, faults.SdoRefusal("sdo_abort", 0x6060))
-        drive = Driven(GENERIC, faults.BusOff("bus_off", 0.0))
+        drives = Driven().drives
         with pytest.raises(ValueError, match="drives on Modbus do not support the fault bus_off"):
-            drive.enable()
+            drives.add(replace(slot(GENERIC, faults.BusOff("bus_off", 0.0)), node=4), 0)
+        assert drives.add(replace(slot(), node=4), 0).number == 4  # a refused drive takes no number
 
     def test_a_fault_planned_by_a_test_counts_from_now(self) -> None:
         drive = Driven()
@@ -307,5 +309,5 @@ class TestFaults:
 
     def test_two_drives_of_one_unit_id_are_refused(self) -> None:
         drive = Driven()
-        with pytest.raises(ValueError, match="unit 3 is on this line already"):
+        with pytest.raises(ValueError, match="node 3 is on this bus already"):
             drive.drives.add(slot(), 0)
