@@ -23,9 +23,8 @@ from haptic_fieldbus.drive.rig import MECHANICAL, Identified, Rig, RigAxis
 from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageError, raise_all
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
-from haptic_fieldbus.identification.experiment import PARTS, Bounds, Experiment, GuidedMotion, Probe
+from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
-from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -159,11 +158,19 @@ def identify(
     found = IdentifiedBench(bench.announced, 1.0 / bounds.period, bench.stated, (probe,), breakaway, unseen)
     if "dynamics" in task.skip:
         return found.with_warnings("dynamics: skipped, so nothing is written into the rig, and the limit is as before")
-    guess = _first_model(probe)
+    led = _first_fit(probe)
+    guess, damping = led.model, led.values["viscous_damping"].low
     mass, friction, load = guess.inertia / ratio**2, guess.coulomb / ratio, guess.load / ratio
-    record, stages = bench.conducted(GuidedMotion(bounds, mass, friction, load, guess.delay + guess.lag), tell)
+    motion = GuidedMotion(bounds, mass, friction, load, guess.delay + guess.lag, damping / ratio**2)
+    record, stages = bench.conducted(motion, tell)
     begins = {stage: stages.index(stage) for stage in ("motion", "check")}
     used, rest = (record.part(begin, begin + stages.count(stage)) for stage, begin in begins.items())
+    if (moved := float(np.ptp(used.positions)) / used.resolution) < FEWEST_COUNTS:
+        raise SafetyTripError(
+            f"the handle stuck in the slow motion: it moved by {rounded(moved)} counts of its encoder, which tells no "
+            "values; torque is off. Keep hands off the handle. If it was free, its friction at rest is too large for "
+            "this motion: lower the friction"
+        )
     tell("fit")
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
@@ -424,8 +431,8 @@ def _travel(task: BenchTask, axis: RigAxis) -> tuple[float, float]:
     return first, first + wanted
 
 
-def _first_model(probe: ShaftRecord) -> ShaftModel:
-    """Return the model by which the motion is led; raises SafetyTripError when the probe does not tell one."""
+def _first_fit(probe: ShaftRecord) -> ShaftFit:
+    """Return the fit by which the motion is led; raises SafetyTripError when the probe does not tell one."""
     try:
         fit = fit_shaft([probe])
     except ValueError as error:
@@ -436,7 +443,7 @@ def _first_model(probe: ShaftRecord) -> ShaftModel:
             "the pulses moved the handle by too few counts of its encoder to tell its inertia; torque is off. Raise "
             "--travel, --speed or --effort, or the rate"
         )
-    return fit.model
+    return fit
 
 
 # The rig file.

@@ -7,7 +7,8 @@
 - *pulse*: an effort above the breakaway pushes the handle until it has a speed or has gone a way, and its opposite
   stops it. Pushes that are too short are repeated with less effort, too weak ones with more.
 - *motion*: the handle is led to and fro through the travel, and small oscillations ride on this slow motion, so that
-  friction mostly keeps its direction. A slow feedback keeps it on its way.
+  friction mostly keeps its direction. The model gives the effort against friction and damping; a slow feedback keeps
+  the handle on its way.
 - *check*: the same with other oscillations; this part of the record is predicted and not used in the fit.
 
 Every stage stays inside `Bounds`. A handle that is about to leave them, or is too fast, ends the experiment, and there
@@ -16,6 +17,7 @@ is no effort from then on. The limits of the run, which trip, lie where the boun
 All quantities are in the workspace of the axis: m, N and kg, or rad, N·m and kg·m².
 """
 
+import cmath
 import math
 from collections import defaultdict
 from collections.abc import Collection, Generator, Iterator
@@ -60,8 +62,12 @@ RIDING_PEAK = 0.25
 """Largest speed of all oscillations together, as a share of the bound."""
 PUSH_WAY, MOTION_WAY = 0.06, 0.3
 """Way of a push and amplitude of the slow motion, as shares of the travel."""
-RIDING_EFFORT, MOTION_EFFORT = 0.4, 0.3
-"""Efforts of the oscillations and of the slow motion's acceleration, as shares of the bound."""
+RIDING_EFFORT, MOTION_EFFORT, DAMPED_EFFORT = 0.4, 0.3, 0.4
+"""Efforts of the oscillations, and of the slow motion against inertia and damping, as shares of what friction leaves of
+the bound."""
+AHEAD = 0.05
+"""Share of the travel by which a handle may be ahead of its plan; at twice as much nothing is given against friction
+and damping, since there is less of them than the first model says."""
 LINES = 9
 """Number of frequencies of the oscillations."""
 SLOWEST_LINE, FASTEST_LINE = 4.0, 80.0
@@ -308,9 +314,11 @@ class Probe(Experiment):
 class GuidedMotion(Experiment):
     """Slow motion with oscillations on it, led by a first model of the bench in its workspace."""
 
-    def __init__(self, bounds: Bounds, mass: float, friction: float, load: float, delay: float) -> None:
+    def __init__(
+        self, bounds: Bounds, mass: float, friction: float, load: float, delay: float, damping: float = 0.0
+    ) -> None:
         super().__init__(bounds)
-        self.stage, self.mass, self._friction, self._load = "middle", mass, friction, load
+        self.stage, self.mass, self._friction, self._load, self._damping = "middle", mass, friction, load, damping
         self._planned = (0.0, 0.0)
         """Planned position and speed of the last period."""
         # The mean speed is half its width old; the loop keeps a phase margin of 60° for all of it.
@@ -352,11 +360,14 @@ class GuidedMotion(Experiment):
             yield self._led(begin + 0.5 * speed * time * (1.0 - left * left), speed * left, -speed / time)
 
     @property
+    def _free(self) -> float:
+        """Return the effort that friction and load leave."""
+        return max(self.bounds.effort - self._friction - abs(self._load), 0.1 * self.bounds.effort)
+
+    @property
     def _acceleration(self) -> float:
-        """Return the largest acceleration that is planned; friction and load take their part of the effort."""
-        bounds = self.bounds
-        free = max(bounds.effort - self._friction - abs(self._load), 0.1 * bounds.effort)
-        return min(free / self.mass, 0.4 * bounds.acceleration)
+        """Return the largest acceleration that is planned."""
+        return min(self._free / self.mass, 0.4 * self.bounds.acceleration)
 
     def _led(self, place: float, speed: float, acceleration: float, riding: float = 0.0) -> float:
         """Return the effort that leads the handle along, within the bound."""
@@ -364,7 +375,9 @@ class GuidedMotion(Experiment):
         rate = self._following
         behind = rate * rate * (place - self.place) + 2.0 * rate * (speed - self.speed)
         against = self._friction * max(-1.0, min(1.0, speed / (0.02 * bounds.speed)))
-        effort = self.mass * (acceleration + behind) + against - self._load + riding
+        ahead = math.copysign(1.0, speed) * (self.place - place) / (AHEAD * bounds.travel)
+        pushed = max(0.0, min(1.0, 2.0 - ahead)) * (against + self._damping * speed)
+        effort = self.mass * (acceleration + behind) + pushed - self._load + riding
         return max(-bounds.effort, min(bounds.effort, effort))
 
     def _motion(self, number: int, time: float) -> Stage:
@@ -381,7 +394,8 @@ class GuidedMotion(Experiment):
     def _slow_motion(self) -> tuple[float, float]:
         """Return amplitude and angular frequency of the slow motion."""
         amplitude, strongest = MOTION_WAY * self.bounds.travel, MOTION_EFFORT * self._acceleration
-        fastest = MOTION_SPEED * self.bounds.speed / amplitude
+        damped = DAMPED_EFFORT * self._free / self._damping if self._damping else math.inf
+        fastest = min(MOTION_SPEED * self.bounds.speed, damped) / amplitude
         return amplitude, min(fastest, math.sqrt(strongest / amplitude), FASTEST_MOTION)
 
     def _lines(self, number: int) -> list[tuple[float, float, float]]:
@@ -392,13 +406,16 @@ class GuidedMotion(Experiment):
         effort = RIDING_EFFORT * self._acceleration * self.mass / math.sqrt(LINES)
         # Together slower than the slow motion, so that friction mostly keeps its direction.
         most = min(RIDING_SPEED * bounds.speed, 0.7 * amplitude * rate) / math.sqrt(LINES)
-        lines = []
+        lines, moved = [], []
         for line in range(LINES):
             turning = math.tau * slowest * (fastest / slowest) ** (line / (LINES - 1))
             phase = math.pi * line * (line + number) / LINES  # of Schroeder
-            lines.append((turning, min(effort, most * self.mass * turning), phase))
+            opposing = complex(self._damping, self.mass * turning)
+            size = min(effort, most * abs(opposing))
+            lines.append((turning, size, phase))
+            moved.append((turning, size / abs(opposing), phase - cmath.phase(opposing)))
         # How far the oscillations agree is known from their sum alone.
         times = [step / (8.0 * fastest) for step in range(round(8.0 * fastest * self._time))]
-        speeds = [sum(size / turning * math.cos(turning * t + phase) for turning, size, phase in lines) for t in times]
-        calm = min(1.0, RIDING_PEAK * bounds.speed * self.mass / max(map(abs, speeds)))
+        speeds = [sum(size * math.sin(turning * t + phase) for turning, size, phase in moved) for t in times]
+        calm = min(1.0, RIDING_PEAK * bounds.speed / max(map(abs, speeds)))
         return [(turning, calm * size, phase) for turning, size, phase in lines]

@@ -102,8 +102,9 @@ def identified_bench(bench: Bench, plant: Body | None = None) -> tuple[ShaftFit,
     probe = Probe(bench.bounds)
     first = conducted(probe, bench, plant)
     assert probe.failure == "", probe.failure
-    guess = fit_shaft([first.record]).model
-    motion = GuidedMotion(bench.bounds, guess.inertia, guess.coulomb, guess.load, guess.delay + guess.lag)
+    led = fit_shaft([first.record])
+    guess, damping = led.model, led.values["viscous_damping"].low
+    motion = GuidedMotion(bench.bounds, guess.inertia, guess.coulomb, guess.load, guess.delay + guess.lag, damping)
     second = conducted(motion, bench, plant)
     assert motion.failure == "", motion.failure
     return fit_shaft([first.record, second.part("check", "stop")], guess), first, second

@@ -19,7 +19,8 @@ BENCH = Bench(MODEL, 4096, 1000.0, 0.1, 60.0, 8.0)
 def motion(bench: Bench = BENCH, bounds: Bounds | None = None, **told: float) -> GuidedMotion:
     """The motion with the values of the bench, but for those that are told."""
     model = replace(bench.model, **told)  # type: ignore[arg-type]
-    return GuidedMotion(bounds or bench.bounds, model.inertia, model.coulomb, model.load, model.delay + model.lag)
+    late = model.delay + model.lag
+    return GuidedMotion(bounds or bench.bounds, model.inertia, model.coulomb, model.load, late, model.damping)
 
 
 def test_the_probe_goes_through_its_stages_and_ends_at_rest() -> None:
@@ -93,6 +94,23 @@ def test_the_motion_stays_in_its_bounds_and_ends_slowly() -> None:
     assert abs(plant.velocity) < 2.0
 
 
+@pytest.mark.parametrize("damping", [1e-4, 1e-3, 3e-3, 1e-2])
+def test_a_damped_handle_is_moved_through_the_planned_part_of_its_travel(damping: float) -> None:
+    """Without effort against it, the largest damping left 5 % of the travel; at 15 rad/s it would take 1.5 times the
+    bound of the effort, so the motion is slower there."""
+    bench = replace(BENCH, model=replace(MODEL, damping=damping))
+    law = motion(bench)
+    course = conducted(law, bench, plant_of_bench(bench))
+    assert law.failure == ""
+    moved = course.angles[course.stages.index("motion") : course.stages.index("check")]
+    assert 0.5 * bench.travel < max(moved) - min(moved) < 0.75 * bench.travel
+    assert max(map(abs, course.angles)) < 0.45 * bench.travel
+    assert max(map(abs, course.speeds)) < min(60.0, 0.1 / damping)
+    torques = np.abs(course.record.torques)
+    assert torques.max() <= 0.1004
+    assert np.mean(torques > 0.099) < 0.02, "the plan leaves room for the oscillations"
+
+
 def test_an_acceleration_limit_is_kept_away_from() -> None:
     calm = motion(bounds=replace(BENCH.bounds, acceleration=500.0))
     course = conducted(calm, BENCH, plant_of_bench(BENCH))
@@ -152,6 +170,18 @@ def test_a_first_model_that_is_wrong_by_a_factor_of_five_leaves_no_bound(wrong: 
     assert max(map(abs, course.record.torques)) <= 0.1004
 
 
+@pytest.mark.parametrize(
+    "told", [{"damping": 2e-3}, {"coulomb": 6e-3}, {"damping": 1e-3, "coulomb": 4e-3, "inertia": 1.3e-5}]
+)
+def test_a_first_model_of_too_much_friction_or_damping_ends_no_motion(told: dict[str, float]) -> None:
+    bench = replace(BENCH, model=replace(MODEL, damping=5e-4))
+    law = motion(bench, **told)
+    course = conducted(law, bench, plant_of_bench(bench))
+    assert law.failure == ""
+    assert max(map(abs, course.angles)) <= 4.0
+    assert max(map(abs, course.speeds)) <= 60.0
+
+
 def test_a_bench_that_is_too_light_for_its_encoder_is_told() -> None:
     light = replace(BENCH, model=replace(MODEL, inertia=1e-8, coulomb=0.0, damping=0.0), counts=24, rate=100.0)
     law = Probe(light.bounds)
@@ -185,13 +215,21 @@ def test_a_handle_that_is_faster_than_announced_ends_the_experiment() -> None:
     assert (law.failure, law.effort(place)) == ("the handle was faster than announced in the stage breakaway", 0.0)
 
 
+@pytest.mark.parametrize("effort", [5.0, 50.0])
+@pytest.mark.parametrize("damping", [0.0, 1.0, 3.0])
 @pytest.mark.parametrize("friction", [0.0, 0.3, 2.0])
-def test_all_oscillations_together_stay_below_a_quarter_of_the_speed(friction: float) -> None:
+def test_all_oscillations_together_stay_below_a_quarter_of_the_speed(
+    friction: float, damping: float, effort: float
+) -> None:
     for rate in (100.0, 1000.0):
-        law = GuidedMotion(Bounds(1.0 / rate, 1e-6, -1.0, 1.0, 2.0, 5.0, math.inf), 0.3, friction, 0.0, 3.0 / rate)
+        bounds = Bounds(1.0 / rate, 1e-6, -1.0, 1.0, 2.0, effort, math.inf)
+        law = GuidedMotion(bounds, 0.3, friction, 0.0, 3.0 / rate, damping)
         for lines in law._riding:
-            times = np.arange(0.0, 40.0, 1e-3)
-            speeds = sum(size / (0.3 * turning) * np.cos(turning * times + phase) for turning, size, phase in lines)
+            times = np.arange(0.0, law._time, 1e-3)
+            speeds = sum(
+                (size * np.exp(1j * (turning * times + phase)) / (damping + 0.3j * turning)).imag
+                for turning, size, phase in lines
+            )
             assert np.abs(speeds).max() <= 0.26 * 2.0
 
 
