@@ -228,7 +228,7 @@ def _acceleration(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _mechanical_power(trip: Trip, axis: AxisPlan) -> Told:
-    cause = f"power {rounded(trip.value)} W, above the limit of {rounded(trip.limit or 0.0)} W"
+    cause = f"power {_beyond(trip, DIGITS)} W, above the limit of {_limit(trip)} W"
     return cause, _softer("power", axis)
 
 
@@ -361,7 +361,7 @@ def _drift(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
     cause = (
-        f"position uncertain by {rounded(trip.value)} {unit}, above the limit of {_limit(trip)} {unit}: "
+        f"position uncertain by {_beyond(trip, DIGITS)} {unit}, above the limit of {_limit(trip)} {unit}: "
         f"{axis.profile.title} reports only velocity, rounded to {rounded(step)} {unit}/s, and the rounding errors "
         "add up"
     )
