@@ -1,6 +1,6 @@
 """Render a wall without any file: define scene, bench and run in Python.
 
-A hand pushes with 6 N. The handle comes to rest 6 N / 800 N/m = 7.5 mm inside the wall.
+A hand pushes with 6 N. The handle comes to rest 6 N / 600 N/m = 10 mm inside the wall.
 """
 
 from haptic_fieldbus import CanSection, Limits, LinearMechanism, Rig, RigAxis, Scene, SceneAxis, Workspace, run
@@ -10,7 +10,7 @@ SCENE = Scene(
     name="my_wall",
     description="A wall 10 mm to the right",
     axes=(SceneAxis("handle", Workspace.LINEAR),),
-    elements=(Wall(axis="handle", position=0.010, stiffness=800.0),),
+    elements=(Wall(axis="handle", position=0.010, stiffness=600.0),),
 )
 RIG = Rig(
     bus={"can0": CanSection(interface="haptic_sim", channel="can0", bitrate=1_000_000)},

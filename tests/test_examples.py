@@ -75,8 +75,9 @@ def test_the_swept_wall_grows_above_its_limit(capsys: pytest.CaptureFixture[str]
 
 def test_the_wall_made_in_python_bears_the_hand(capsys: pytest.CaptureFixture[str]) -> None:
     text, (rest,) = shown_by("wall_in_python", capsys)
-    assert abs(800.0 * (rest - 0.010) - PUSH) <= FRICTION
+    assert abs(600.0 * (rest - 0.010) - PUSH) <= FRICTION
     assert text.startswith("Feels right: ")
+    assert "above the limit" not in text
 
 
 @pytest.mark.thorough("a run of seconds")

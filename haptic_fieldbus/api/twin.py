@@ -45,7 +45,7 @@ ROUND_SHARE = 0.1
 FASTEST_LAG = 1e-5
 """Shortest lag of a simulated torque loop [s]."""
 HEADING = """Twin of a bench: `run --bus sim`, `simulate` and the pytest plugin simulate it.
-Fitted to {recording}; not told by it: {missing}."""
+Fitted to {recording}{missing}."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ class BenchTwin:
     @property
     def text(self) -> str:
         """Return the twin as a rig file."""
-        missing = ", ".join(name for name in (*KEPT, "torque_scale") if self.fit.values[name].reason) or "nothing"
+        untold = ", ".join(name for name in (*KEPT, "torque_scale") if self.fit.values[name].reason)
+        missing = f"; it does not tell {untold}, which are as in the rig" if untold else ""
         return rig_text(self.rig, HEADING.format(recording=Path(self.recording).name, missing=missing))
 
     def to_json(self) -> dict[str, object]:

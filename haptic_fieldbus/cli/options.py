@@ -21,8 +21,10 @@ from haptic_fieldbus.defaults import (
     DEFAULT_BUS,
     DEFAULT_DRIVE,
     DEFAULT_DURATION,
+    DEFAULT_ESTIMATOR,
     DEFAULT_FADE_IN,
     DEFAULT_HAND,
+    DEFAULT_METHOD,
     DEFAULT_MODBUS_DRIVE,
     DEFAULT_NODE,
     DEFAULT_RATE,
@@ -159,8 +161,13 @@ class SceneOptions:
     settings: list[str] | None = option_field(
         "ELEMENT.PARAMETER=VALUE", "Set a parameter of the scene; may be repeated.", RENDERING, "--set"
     )
-    method: str | None = option_field("NAME", "Integrator of the virtual states.", RENDERING)
-    estimator: str | None = option_field("NAME", "Velocity estimator.", RENDERING)
+    method: str | None = option_field(
+        "NAME", "Integrator of the virtual states, such as rk4; a wrong name lists all.", RENDERING, told=DEFAULT_METHOD
+    )
+    estimator: str | None = option_field(
+        "NAME", "Velocity estimator, such as moving-average:window=4; a wrong name lists all.", RENDERING,
+        told=DEFAULT_ESTIMATOR,
+    )  # fmt: skip
     as_json: JsonOption = False
     drive: str | None = option_field("PROFILE", "Drive profile by name or path.", BENCH, told=DRIVE)
     bus: str | None = option_field("BUS", BUSES, BENCH, told=DEFAULT_BUS)

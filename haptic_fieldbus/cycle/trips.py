@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 from haptic_fieldbus import errors
 from haptic_fieldbus.cycle.laws import Sensed, field_of, summed
 from haptic_fieldbus.cycle.safety import LINK_TRIPS, Trip, TripKind
-from haptic_fieldbus.numerals import in_unit, percent, rounded, rounded_limit
+from haptic_fieldbus.numerals import DIGITS, GIVEN_DIGITS, LIMIT_DIGITS, in_unit, percent, rounded, rounded_limit
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import HAND, PAIRS
 from haptic_fieldbus.planning.limits import HELD_POWER
@@ -228,7 +228,7 @@ def _acceleration(trip: Trip, axis: AxisPlan) -> Told:
 
 
 def _mechanical_power(trip: Trip, axis: AxisPlan) -> Told:
-    cause = f"power {rounded(trip.value)} W, above the limit of {rounded(trip.limit or 0.0)} W"
+    cause = f"power {_beyond(trip, DIGITS)} W, above the limit of {_limit(trip)} W"
     return cause, _softer("power", axis)
 
 
@@ -264,15 +264,21 @@ def _limit(trip: Trip) -> str:
     return "unknown" if trip.limit is None else rounded_limit(trip.limit)
 
 
+def _beyond(trip: Trip, digits: int) -> str:
+    """Return the value that exceeded the limit, with these or as many more digits as tell it from the limit."""
+    told = (rounded(trip.value, each) for each in range(digits, GIVEN_DIGITS + 1))
+    return next((text for text in told if text != _limit(trip)), _limit(trip))
+
+
 def _speed(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    cause = f"speed {rounded(trip.value)} {unit}/s, above the limit of {_limit(trip)} {unit}/s{_weak(axis)}"
+    cause = f"speed {_beyond(trip, DIGITS)} {unit}/s, above the limit of {_limit(trip)} {unit}/s{_weak(axis)}"
     return cause, _softer("speed", axis)
 
 
 def _position(trip: Trip, axis: AxisPlan) -> Told:
     unit = axis.workspace.length_unit
-    cause = f"position {rounded_limit(trip.value)} {unit}, beyond the limit of {_limit(trip)} {unit}{_weak(axis)}"
+    cause = f"position {_beyond(trip, LIMIT_DIGITS)} {unit}, beyond the limit of {_limit(trip)} {unit}{_weak(axis)}"
     return cause, f"Move the handle back. The travel is axis.{axis.name}.limits.position of the rig."
 
 
@@ -355,7 +361,7 @@ def _drift(trip: Trip, axis: AxisPlan) -> Told:
     """Return the cause of a drift trip, with the remedy: a new run sets a new zero."""
     unit, step = axis.workspace.length_unit, abs(axis.velocity_unit)
     cause = (
-        f"position uncertain by {rounded(trip.value)} {unit}, above the limit of {_limit(trip)} {unit}: "
+        f"position uncertain by {_beyond(trip, DIGITS)} {unit}, above the limit of {_limit(trip)} {unit}: "
         f"{axis.profile.title} reports only velocity, rounded to {rounded(step)} {unit}/s, and the rounding errors "
         "add up"
     )

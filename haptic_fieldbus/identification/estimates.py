@@ -127,6 +127,8 @@ class ScaleCheck:
 
     def text(self) -> str:
         """Return the result in one sentence."""
+        if self.ratio.low <= 0.0 < self.ratio.half_width <= LARGEST_SHARE:
+            return "the added mass was not seen; check that it is fixed to the handle"
         if not self.is_known:
             return "the added mass was too small beside the inertia of the bench to tell anything; add a larger one"
         spread = percent(self.ratio.half_width / self.ratio.value)

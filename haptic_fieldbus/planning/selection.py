@@ -43,6 +43,8 @@ from haptic_fieldbus.scenes.scene import Scene
 
 PART_OF_LIMIT = re.compile(r"max(?:/(\d+(?:\.\d*)?))?")
 """Form of a setting that is a part of the limit: `max`, `max/2`, `max/1.5`."""
+MOST_DIGITS = 15
+"""Largest number of digits of a text that is read as a whole number: a float holds each of these exactly."""
 
 
 def settled(task: Task) -> tuple[Scene, str | None]:
@@ -107,6 +109,8 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
 def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
     """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are.
 
+    A text of digits alone is a whole number, as in a file: a parameter such as `count` takes no other.
+
     Raises TypeError for settings that are no mapping, and for a value that no file could have.
     """
     if not isinstance(settings, Mapping | None):
@@ -121,6 +125,8 @@ def _plain(key: str, value: Setting) -> Setting:
         raise wrong_kind(f"settings: {key}", "a number, a text, True or False", value)
     if value in ("true", "false"):
         return value == "true"
+    if isinstance(value, str) and value.isdecimal() and len(value) <= MOST_DIGITS:
+        return int(value)
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

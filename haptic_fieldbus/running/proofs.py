@@ -294,6 +294,8 @@ def _instead(plan: Plan, name: str) -> str:
     if plan.axis(name).rig.emergency_stop is None:
         stop = f'axis.{name}.emergency_stop = "power"'
         return f"; if an emergency stop within reach cuts the motor power, write {stop} into the rig; then {CAPPED}"
+    if plan.simulated:
+        return f"; the rig keeps no result of a simulated test; after this result on a real bus {CAPPED}"
     return f"; the result is saved in the rig; from the next run on {CAPPED}"
 
 

@@ -3,6 +3,7 @@
 import ast
 import inspect
 import math
+import re
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -22,6 +23,7 @@ from haptic_fieldbus.cli.run import run
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.request import Task
 from tests.cases import every
+from tests.cli.command import Command
 
 PAIRS = [(SceneOptions, Task), (SceneOptions, Trial), (StabilityOptions, Device), (ResponseOptions, OpenLoop)]
 """The options of each command, and the value of the API that they make."""
@@ -66,6 +68,17 @@ def switches() -> set[tuple[str, ...]]:
         options = [each for each in command.params if getattr(each, "is_flag", False)]
         found |= {tuple(name for name in each.opts if name.startswith("--")) for each in options}
     return found
+
+
+@pytest.mark.parametrize(("option", "scene"), [("method", "sprung_mass"), ("estimator", "damped_wall")])
+def test_a_wrong_name_lists_all_as_the_help_says(option: str, scene: str, command: Command) -> None:
+    text = " ".join(command("plan", "--help").out.replace("│", " ").split())
+    ((example, default),) = re.findall(
+        rf"--{option} NAME [^\[]*such as (\S+); a wrong name lists all\. \[default: (\S+)\]", text
+    )
+    refused = command("plan", scene, f"--{option}", "none_of_them")
+    assert refused.status == 2
+    assert {example.partition(":")[0], default} <= set(re.findall(r"[a-z0-9-]+", refused.err))
 
 
 def test_a_switch_has_one_long_name() -> None:

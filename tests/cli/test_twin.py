@@ -30,6 +30,7 @@ def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, co
     assert ended.status == 0, ended.err
     assert "inertia    9.75e-5 kg·m² ± 1 %" in ended.out
     assert f"written    {twin}" in ended.out
+    assert "# Fitted to run.mcap.\n" in twin.read_text(encoding="utf-8")
     assert command("run", "spring", "--rig", twin, "--bus", "sim", "--duration", "0.2").status == 0
     checked = command("twin", folder / "run.mcap", "--rig", twin, "--check", "--json")
     assert checked.status == 0, checked.err

@@ -70,6 +70,21 @@ def test_limits_are_named_with_their_units_and_the_value_that_passed_them() -> N
     assert str(trip_error(trip, plan_of(), None)) == words + advice
 
 
+@pytest.mark.parametrize(
+    ("kind", "value", "words"),
+    [
+        (TripKind.POSITION, -0.100003, "position -0.100003 m, beyond the limit of -0.1 m"),
+        (TripKind.POSITION, -0.1023456, "position -0.1023 m, beyond the limit of -0.1 m"),
+        (TripKind.SPEED, 2.003, "speed 2.003 m/s, above the limit of 2 m/s"),
+        (TripKind.SPEED, 2.443, "speed 2.44 m/s, above the limit of 2 m/s"),
+        (TripKind.POWER, 2.0004, "power 2.0004 W, above the limit of 2 W"),
+    ],
+)
+def test_a_value_just_past_its_limit_reads_differently(kind: TripKind, value: float, words: str) -> None:
+    limit = -0.1 if kind is TripKind.POSITION else 2.0
+    assert words in str(trip_error(Trip(kind, "handle", 0, value, limit), plan_of(), None))
+
+
 @every("flag", [LinkFlag.EMERGENCY, LinkFlag.BOOT_UP, LinkFlag.BUS_OFF])
 @every("kind", TripKind)
 def test_a_trip_that_turns_out_to_come_of_another_fault_of_the_link_names_that(kind: TripKind, flag: LinkFlag) -> None:

@@ -74,6 +74,13 @@ def test_a_mass_that_is_lost_in_the_intervals_tells_nothing() -> None:
     assert found.to_json()["ratio"] is None
 
 
+def test_a_mass_that_is_not_on_the_handle_is_not_called_too_small() -> None:
+    """The bench is measured to 0.1 % both times, so that a mass of its own weight would be seen."""
+    bench = Estimate(5e-5, 4.995e-5, 5.005e-5, "kg·m²")
+    text = scale_check(bench, bench, 4e-5, None).text()
+    assert text == "the added mass was not seen; check that it is fixed to the handle"
+
+
 # Whole benches.
 
 

@@ -5,11 +5,12 @@ import pytest
 
 import haptic_fieldbus
 from haptic_fieldbus.api import plan
-from haptic_fieldbus.errors import UsageError
+from haptic_fieldbus.errors import SceneError, UsageError
 from haptic_fieldbus.numerals import TYPED_DIGITS, rounded_down
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import at_limit, parsed, settled
 from haptic_fieldbus.scenes.catalogue import Setting, load_scene
+from haptic_fieldbus.scenes.detents import Detents
 from haptic_fieldbus.scenes.wall import Wall
 from tests.builders import scene_of
 
@@ -31,6 +32,16 @@ def test_true_and_false_are_no_texts_and_what_is_no_text_stays() -> None:
     }
     assert parsed(texts) == {"a.on": True, "a.off": False, "a.unit": "25 mm", "a.number": 1000.0, "a.given": 2.0}
     assert parsed(None) == {}
+
+
+@pytest.mark.parametrize("made", [False, True], ids=["of a file", "made in Python"])
+def test_digits_alone_are_a_whole_number_for_a_parameter_that_takes_no_other(made: bool) -> None:
+    scene = load_scene("knob_menu") if made else "knob_menu"
+    found, _ = settled(Task(scene, settings={"entries.count": "3"}))
+    entries = next(element for element in found.elements if isinstance(element, Detents))
+    assert entries.count == 3
+    with pytest.raises(SceneError, match=r"entries\.count: 3\.5; expected a whole number"):
+        settled(Task(scene, settings={"entries.count": "3.5"}))
 
 
 def test_a_value_that_cannot_even_be_shown_is_refused_by_its_kind() -> None:

@@ -194,6 +194,14 @@ class TestAGuardThatDoesNot:
         assert "at most 5 % of rated torque" in bench.asked
         assert "about to test the drive watchdog" not in bench.asked
 
+    def test_is_not_kept_and_not_called_kept_after_a_simulated_test(self, rig: Path) -> None:
+        rig.write_text(rig_text(more=EMERGENCY_STOP), encoding="utf-8")
+        before = rig.read_text(encoding="utf-8")
+        soft = {"wall.stiffness": 200.0}
+        with pytest.raises(UnprovedGuardError, match="the rig keeps no result of a simulated test"):
+            run("wall", rig, bus="sim", settings=soft, prove=True, faults=[DEAD], duration=0.1)
+        assert rig.read_text(encoding="utf-8") == before
+
     def test_frees_both_drives_of_a_rig_and_keeps_the_outcome_of_each(self, rig: Path) -> None:
         rig.write_text(rig_text("left", "right"), encoding="utf-8")
         bench = GuardBench(rig, scene="virtual_shaft").put([DeadGuard("dead_guard", node=2)])
