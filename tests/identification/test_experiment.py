@@ -175,7 +175,7 @@ def test_a_first_model_that_is_wrong_by_a_factor_of_five_leaves_no_bound(wrong: 
 )
 def test_a_first_model_of_too_much_friction_or_damping_ends_no_motion(told: dict[str, float]) -> None:
     bench = replace(BENCH, model=replace(MODEL, damping=5e-4))
-    law = motion(bench, **told)
+    law = motion(bench, None, **told)
     course = conducted(law, bench, plant_of_bench(bench))
     assert law.failure == ""
     assert max(map(abs, course.angles)) <= 4.0
