@@ -206,6 +206,7 @@ def test_a_bench_is_tapped_by_hand_up_to_the_limit_and_by_pulses_above_it(bench:
     assert found.onset is not None
 
 
+@pytest.mark.thorough("taps a wall at 1000 Hz in a dozen steps")
 def test_a_finger_on_the_shipped_bench_is_no_growth() -> None:
     """At 1000 Hz, where a swing at the limit takes 0.18 s; the onset is twice the limit there."""
     found = certify(CertifyTask(Task("wall"), by_hand=True, share=0.5), confirm=lambda question: True)

@@ -441,11 +441,18 @@ def interrupting(code: CodeType, at: int, call: int = 30) -> Callable[[FrameType
     return traced
 
 
+def instructions(function: Callable[..., object]) -> list[tuple[CodeType, int]]:
+    """Each instruction of a function in front of which a signal can come."""
+    found = [each for each in dis.get_instructions(function) if each.opname not in ("RESUME", "CACHE")]
+    return [(function.__code__, each.offset) for each in found if each.offset > 0]
+
+
+@pytest.mark.thorough("a run for each instruction", quick=("some",))
+@pytest.mark.parametrize("apart", [5, 1], ids=["some", "all"])
 @pytest.mark.usefixtures("usual_handler")
-def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_path: Path) -> None:
+def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_path: Path, apart: int) -> None:
     """Whichever instruction of `_advance` it follows once torque is on."""
-    code, instructions = LiveSession._advance.__code__, [*dis.get_instructions(LiveSession._advance)]
-    for at in {each.offset for each in instructions if each.offset > 0 and each.opname not in ("RESUME", "CACHE")}:
+    for code, at in instructions(LiveSession._advance)[::apart]:
         record = tmp_path / f"{at}.log"
         with session("wall", record=record) as live:
             sys.settrace(interrupting(code, at))
@@ -458,17 +465,15 @@ def test_a_signal_between_two_instructions_of_a_step_ends_it_torque_free(tmp_pat
         assert ends_torque_free(record), at
 
 
-def instructions(function: Callable[..., object]) -> list[tuple[CodeType, int]]:
-    """Each instruction of a function in front of which a signal can come."""
-    found = [each for each in dis.get_instructions(function) if each.opname not in ("RESUME", "CACHE")]
-    return [(function.__code__, each.offset) for each in found if each.offset > 0]
-
-
+@pytest.mark.thorough("a run for each instruction", quick=("some",))
+@pytest.mark.parametrize("apart", [5, 1], ids=["some", "all"])
 @pytest.mark.usefixtures("usual_handler")
-def test_a_signal_between_two_instructions_of_the_end_of_the_block_ends_it_torque_free(tmp_path: Path) -> None:
+def test_a_signal_between_two_instructions_of_the_end_of_the_block_ends_it_torque_free(
+    tmp_path: Path, apart: int
+) -> None:
     """Whichever instruction of `__exit__`, and of `stop` that it calls, the signal comes in front of."""
     record = tmp_path / "a.log"
-    for code, at in [*instructions(LiveSession.__exit__), *instructions(LiveSession.stop)]:
+    for code, at in [*instructions(LiveSession.__exit__), *instructions(LiveSession.stop)][::apart]:
         live = session("wall", record=record)
         try:
             with live:
