@@ -51,8 +51,10 @@ def port_errors() -> tuple[type[Exception], ...]:
     return OSError, error
 
 
-def translate(error: Exception, subject: str) -> BusError:
-    """Return an error of a socket or a serial port as a BusError that begins with `subject`."""
+def translate(error: Exception, subject: str, port: str | None = None) -> BusError:
+    """Return an error of a socket, or of a serial `port`, as a BusError that begins with `subject`."""
+    if port is not None and leads_elsewhere(port, error):
+        return BusError(f"{subject}: {NO_SERIAL_LINE}")
     if isinstance(error, socket.gaierror | UnicodeError):  # a name with an empty or a long part is the latter
         return BusError(f"{subject}: no such host; check its name, or write its address in numbers")
     if isinstance(error, TimeoutError):
@@ -211,10 +213,7 @@ class SerialTransport:
         try:
             self._port.open()
         except self._errors as error:  # pyserial's own errors are among them
-            subject = f"cannot open {self.name}"
-            if leads_elsewhere(str(self._port.port), error):
-                raise BusError(f"{subject}: {NO_SERIAL_LINE}") from error
-            raise translate(error, subject) from error
+            raise translate(error, f"cannot open {self.name}", str(self._port.port)) from error
         with suppress(OSError, ValueError):  # not every driver knows of it
             self._port.set_low_latency_mode(True)
         self._number = self._port.fileno()

@@ -237,7 +237,7 @@ async def listen(
     try:
         return await _opened(server, own, theirs, slots)
     except errors as error:
-        raise translate(error, name) from error
+        raise translate(error, name, own.channel if own.serial else None) from error
 
 
 async def _opened(

@@ -227,11 +227,11 @@ class TestRtu:
         finally:
             os.close(line)
 
-    def test_a_device_that_is_not_there_is_told(self) -> None:
-        with (
-            pytest.raises(BusError, match="no such device"),
-            hosted("modbus-rtu:/dev/nothing", "generic_cia402_modbus"),
-        ):
+    @pytest.mark.parametrize(
+        ("device", "words"), [("nothing", "no such device"), ("null", "no serial device"), ("", "no serial device")]
+    )
+    def test_a_device_that_is_not_there_or_no_line_is_told(self, device: str, words: str) -> None:
+        with pytest.raises(BusError, match=words), hosted(f"modbus-rtu:/dev/{device}", "generic_cia402_modbus"):
             pass
 
 
