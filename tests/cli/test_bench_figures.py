@@ -47,6 +47,7 @@ def test_the_command_tells_ratios_of_what_it_measured(word: str) -> None:
     assert finished.returncode == (figure["ratio"] > 1.25 * figure["bound"]), finished.stderr
 
 
+@pytest.mark.thorough("starts the command for each", quick=1)
 @pytest.mark.parametrize(("words", "status"), [((), 1), (("--short",), 0), (("--only", "as fast"), 0)])
 def test_a_ratio_above_its_bound_is_named_and_ends_with_1(words: tuple[str, ...], status: int) -> None:
     finished = planted(*words)

@@ -35,10 +35,10 @@ def coupled(frequency: float, share: float, ratio: float) -> Mechanics:
 @pytest.mark.parametrize(
     ("frequency", "share", "ratio", "counts"),
     [
+        (65.6, 0.74, 0.02, 1024),
         (33.6, 0.65, 0.05, 20_000),
         (24.9, 0.35, 0.05, 1024),
         (20.2, 0.3, 0.005, 4096),
-        (65.6, 0.74, 0.02, 1024),
         (44.0, 0.35, 0.05, 20_000),
     ],
 )
