@@ -116,6 +116,7 @@ def test_the_same_seed_chooses_the_same_and_every_room_has_its_share() -> None:
     assert min(Counter(mutant.room for mutant in made)[room] for room in ROOMS) > 5
 
 
+@pytest.mark.thorough("compiles every mutant")
 def test_every_mutant_is_a_program_that_differs() -> None:
     for mutant in chosen(PROJECT, ROOMS, 50, 1):
         source = (PROJECT / mutant.file).read_bytes()

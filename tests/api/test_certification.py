@@ -175,6 +175,7 @@ def test_a_real_bench_that_is_not_confirmed_is_not_enabled(real: Path) -> None:
         certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: False)
 
 
+@pytest.mark.thorough("certifies a bench")
 def test_only_true_and_false_are_answers(real: Path) -> None:
     typed: Any = "n".format  # as of `input`
     with pytest.raises(TypeError, match=r"answer of confirm\(\): expected True or False"):
@@ -183,6 +184,7 @@ def test_only_true_and_false_are_answers(real: Path) -> None:
         certify(CertifyTask(Task("wall", real, rate=SLOW)), confirm=lambda question: True, above=typed)
 
 
+@pytest.mark.thorough("certifies a bench")
 def test_taps_by_hand_tell_no_onset_and_end_at_the_limit_without_a_confirmation(
     real: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

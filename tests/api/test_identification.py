@@ -127,6 +127,7 @@ def task_on(bench: Path) -> Task:
 # The rig file.
 
 
+@pytest.mark.thorough("measures a bench")
 def test_the_rig_keeps_its_comments_and_the_next_plan_rests_on_its_table(bench: Path) -> None:
     """The rig states three times the true damping; the true limit is 1492 N/m, and the stated one would be 4481."""
     text = rig_text("viscous_damping = 1.0e-4")

@@ -234,6 +234,7 @@ def test_another_thread_judges_the_changes_of_a_real_bus() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setscheduler"), reason="asks Linux")
+@pytest.mark.thorough("starts processes and waits")
 def test_the_thread_that_judges_yields_to_the_loop_and_runs_on_every_processor(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -114,6 +114,7 @@ def test_the_twin_of_a_simulated_run_counts_on_a_simulated_bus_only(made: tuple[
         select(Task("spring", on_a_real_bus))
 
 
+@pytest.mark.thorough("fits twins")
 def test_what_changed_is_named_alone_and_an_unchanged_bench_is_left_alone(
     bench: HiddenBench, made: tuple[BenchTwin, Rig], minute: RecordedRun, tmp_path: Path
 ) -> None:

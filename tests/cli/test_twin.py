@@ -40,6 +40,7 @@ def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, co
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 2
 
 
+@pytest.mark.thorough("fits a twin")
 def test_a_run_that_leaves_nothing_to_check_is_told_without_a_check(folder: Path, command: Command) -> None:
     asked = ("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--hand", "shake", "--free", "1:3.4")
     told, ended = command(*asked, "--json"), command(*asked)
@@ -48,6 +49,7 @@ def test_a_run_that_leaves_nothing_to_check_is_told_without_a_check(folder: Path
     assert "counts unexplained\n" in ended.out
 
 
+@pytest.mark.thorough("fits a twin")
 def test_the_twin_of_a_simulated_run_on_the_rig_of_a_real_bus_is_simulated(tmp_path: Path, command: Command) -> None:
     rig, run, twin = (tmp_path / name for name in ("rig.toml", "run.mcap", "twin.toml"))
     stated = hidden_bench(3).stated

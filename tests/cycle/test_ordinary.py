@@ -339,6 +339,7 @@ def counted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return calls
 
 
+@pytest.mark.thorough("draws 18,000 periods")
 def test_three_fifths_of_the_drawn_periods_go_the_short_way(monkeypatch: pytest.MonkeyPatch) -> None:
     """Otherwise a comparison of both ways would compare the full code with itself."""
     calls = counted(monkeypatch)

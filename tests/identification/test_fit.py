@@ -109,6 +109,7 @@ def test_too_few_samples_and_a_shaft_that_did_not_move_are_refused() -> None:
         fit_shaft([ShaftRecord(PERIOD, (0.0,) * 300, (0.0,) * 300, COUNT)])
 
 
+@pytest.mark.thorough("fits benches")
 def test_what_the_model_does_not_explain_is_told_and_widens_the_intervals() -> None:
     torques = multisine(1200, 0.02)
     clean, true = record_of(TRUE, torques), open_loop(TRUE, torques)
@@ -167,6 +168,7 @@ def sudden_course(jitter: float = 0.0) -> ShaftRecord:
     return course.part("check", "stop")
 
 
+@pytest.mark.thorough("simulates benches")
 def test_at_the_true_values_stribeck_friction_leaves_no_more_than_the_encoder() -> None:
     """Held over whole periods it left 1.5 counts, which the fit explained by less inertia."""
     assert np.sqrt(np.mean(prediction_errors(SUDDEN, sudden_course()) ** 2)) < 0.4

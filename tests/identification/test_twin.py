@@ -75,6 +75,7 @@ def test_the_bench_is_found_from_an_ordinary_run(shaken: RunRecord) -> None:
     assert fit.predicted < 0.35
 
 
+@pytest.mark.thorough("fits a twin")
 def test_other_counts_are_found_where_the_hand_is_known() -> None:
     fit = fit_run(run_record(held_by("shake"), 5.0, count_scale=4.0), replace(STATED, inertia=1.2e-5))
     assert fit.values["count_scale"].value == 4.0
@@ -133,6 +134,7 @@ def test_a_run_of_few_pieces_has_none_to_check(shaken: RunRecord) -> None:
     assert fit_run(short, STATED).predicted is None
 
 
+@pytest.mark.thorough("fits a twin")
 def test_a_wrong_hand_tells_no_scale(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(twin, "MOST_STEPS", 5)  # no step helps a wrong hand
     shaken = run_record(held_by("shake"), 4.0, period=0.01)

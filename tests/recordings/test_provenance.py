@@ -339,6 +339,7 @@ def told_by(picture: Path) -> dict[str, Any]:
     return cast(dict[str, Any], json.loads(zlib.decompress(b64decode(found[1]))))
 
 
+@pytest.mark.thorough("draws pictures of many commands")
 def test_a_picture_of_no_run_tells_what_it_was_made_from(
     command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -456,6 +456,7 @@ def test_steps_of_a_paused_simulation_are_bounded_and_end_with_the_pause() -> No
     assert time._ahead_ns(1) == math.inf
 
 
+@pytest.mark.thorough("waits in real time")
 def test_a_paused_run_goes_on_by_the_periods_that_are_asked_for_and_no_more() -> None:
     seen: list[tuple[int, bool]] = []
 
@@ -491,6 +492,7 @@ def test_what_is_no_change_is_refused_and_the_next_one_is_judged(change: Any) ->
     assert not run_watched(watch).trips
 
 
+@pytest.mark.thorough("waits in real time")
 def test_an_error_while_a_change_is_shown_is_told_and_the_next_one_is_judged() -> None:
     def described_badly(plan: Plan, running: Plan) -> dict[str, Any]:
         if described(plan, running)["stiffness"] == 650.0:
