@@ -43,7 +43,7 @@ WAYS = (0, 1, 2, 3, 4, 3, 2, 1)
 
 def wall_pair(stack: ExitStack) -> Pair:
     """Decode to encode in contact with a wall, faded in, while the handle moves by a few counts."""
-    return one_axis(Cycle(plan("wall")), by_hand.wall(), COUNTS)
+    return one_axis(Cycle(plan("wall")), by_hand.wall())
 
 
 def mass_pair(stack: ExitStack) -> Pair:
@@ -51,16 +51,16 @@ def mass_pair(stack: ExitStack) -> Pair:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "mass.toml"
         path.write_text(MASS, encoding="utf-8")
-        return one_axis(Cycle(plan(path)), by_hand.mass(200.0, 1e9), COUNTS)
+        return one_axis(Cycle(plan(path)), by_hand.mass(200.0, 1e9))
 
 
-def one_axis(cycle: Cycle, loop: by_hand.Loop, counts: int) -> Pair:
-    """Lead the handle to `counts` and fade in; then measure there from decode to encode."""
+def one_axis(cycle: Cycle, loop: by_hand.Loop) -> Pair:
+    """Lead the handle to its place and fade in; then measure there from decode to encode."""
 
     def image(t_ns: int, counts: int, output: bytes) -> bytes:
         return by_hand.ONE.pack(t_ns, 100_000, 0, 0, 0x0637, counts, *struct.unpack("<2xh", output))
 
-    return pair(cycle, loop, image, [*range(0, counts, 20), *[counts] * FADE_IN], bytes(4))
+    return pair(cycle, loop, image, [*range(0, COUNTS, 20), *[COUNTS] * FADE_IN], bytes(4))
 
 
 def coupled_pair(stack: ExitStack) -> Pair:

@@ -103,8 +103,8 @@ def compare_recording(recording: str | Path | RecordedRun) -> FirstDifference | 
 def shown(found: RecordedRun) -> Result:
     """Return a result whose picture shows the rows: position and commanded force of each axis, units from the rig.
 
-    It has the plan of the run, so walls and force at rest are drawn, if the scene was recorded and fits this package.
-    Raises UsageError for frames, and for a recording without rows.
+    It has the plan of the run, so walls and force at rest are drawn. If no plan can be made, a warning says why. Raises
+    UsageError for frames, and for a recording without rows.
     """
     table, provenance, times = found.table(), found.provenance, found.time
     names = [name.removesuffix(".command") for name in found.columns if name.endswith(".command")]
@@ -126,18 +126,19 @@ def shown(found: RecordedRun) -> Result:
     titles = dict.fromkeys(str(each["title"]) for each in provenance.drives.values()) if provenance else ()
     bus, drive = provenance.bus if provenance else "", ", ".join(titles)
     changes = tuple(Changed(*each) for each in provenance.conditions.changes) if provenance else ()
+    found_plan, why = _plan_of(provenance)
     return Result(
-        scene, drive, bus, rate, cycles=len(table), traces=tuple(traces), changes=changes,
-        plan=_plan_of(provenance), provenance=provenance,
+        scene, drive, bus, rate, cycles=len(table), traces=tuple(traces), changes=changes, provenance=provenance,
+        plan=found_plan, warnings=(f"walls and force at rest are not drawn: {why}",) if why else (),
     )  # fmt: skip
 
 
-def _plan_of(provenance: Provenance | None) -> Plan | None:
-    """Return the plan of a recorded run; None if it cannot be made."""
+def _plan_of(provenance: Provenance | None) -> tuple[Plan | None, str]:
+    """Return the plan of a recorded run, or None and why it cannot be made."""
     if provenance is None:
-        return None
+        return None, "the recording has no provenance"
     try:
         with repeated(provenance, simulated=False) as (task, _):
-            return load(task).plan
-    except HapticFieldbusError:
-        return None
+            return load(task).plan, ""
+    except HapticFieldbusError as error:
+        return None, str(error)

@@ -80,12 +80,15 @@ def replay(
         from haptic_fieldbus.api.replaying import compare_recording
 
         difference = compare_recording(found)
+    warnings: tuple[str, ...] = ()
     if plot is not None:
         from haptic_fieldbus.api.provenance import picture_mark
         from haptic_fieldbus.api.replaying import shown
         from haptic_fieldbus.report.plot import draw_run
 
-        draw(plot, draw_run(shown(found)), origin.mark if origin else picture_mark(files=[file]))
+        result = shown(found)
+        warnings = result.warnings
+        draw(plot, draw_run(result), origin.mark if origin else picture_mark(files=[file]))
     duration = float(found.time[-1]) if len(found) else 0.0
     told = {
         "recording": file, "kind": kind, "count": len(found), "duration_s": duration, "complete": found.complete,
@@ -98,7 +101,7 @@ def replay(
     lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
     lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
     lines += [("written", str(target)) for target in targets]
-    lines += [] if plot is None else [("plot", str(plot))]
+    lines += [] if plot is None else [("plot", str(plot)), *(("warning", each) for each in warnings)]
     lines += [("compare", str(difference or "all set-points are the same"))] if compare else []
     show_result(lines, lambda: told, as_json=as_json)
     if difference is not None:

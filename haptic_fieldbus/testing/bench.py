@@ -344,8 +344,8 @@ class VirtualCanBus:
         """Switch the drives on; they are pre-operational at once.
 
         Raises UsageError for an unknown profile or hand, a bad profile file, a fault that no CAN bus has, a bit rate or
-        node-ID that no CAN bus has, and two drives of one node-ID; ValueError
-        for an unknown time or workspace. All wrong drives are told at once.
+        node-ID that no CAN bus has, and two drives of one node-ID. All wrong drives are told at once. Raises ValueError
+        for an unknown time or workspace.
         """
         if type(bitrate) is not int or not BITRATES[0] <= bitrate <= BITRATES[1]:
             raise UsageError(f"bitrate {bitrate!r}: expected a whole number from {BITRATES[0]} to {BITRATES[1]} bit/s")

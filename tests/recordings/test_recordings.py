@@ -360,8 +360,10 @@ def test_the_picture_of_a_recording_has_the_wall_and_when_it_was_changed(recorde
     place, law = (np.asarray(each) for each in lines["force at rest"].get_data())
     assert law == pytest.approx(np.where(place > 1.0, -0.6 * (place - 1.0), 0.0), abs=1e-9)
     assert found.provenance is not None
-    without = draw_run(shown(replace(found, provenance=replace(found.provenance, scene=None)))).axes
-    assert "force at rest" not in {str(line.get_label()) for panel in without for line in panel.lines}, "an own element"
+    without = shown(replace(found, provenance=replace(found.provenance, scene=None)))  # as of an own element
+    assert "force at rest" not in {str(line.get_label()) for panel in draw_run(without).axes for line in panel.lines}
+    (warning,) = without.warnings
+    assert "not drawn: the recorded run cannot be repeated: an element of its scene is an object of Python" in warning
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".parquet", ".csv"])

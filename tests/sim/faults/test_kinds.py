@@ -296,3 +296,10 @@ def test_disturbed_frames_are_on_the_wire_as_they_were_sent() -> None:
         master.period(NODE, 0x0F, 0, optional=True)
     assert sum(frame.can_id == 0x180 + NODE for frame in seen) >= PERIODS - 1
     assert master.missed > PERIODS // 2
+
+
+def test_a_run_without_faults_builds_no_schema_of_their_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("haptic_fieldbus.sim.faults.Document", None)
+    assert faults.checked_faults(()) == ()
+    with pytest.raises(TypeError, match="not callable"):
+        faults.checked_faults([faults.SafeTorqueOff("safe_torque_off", at=0.1)])
