@@ -77,8 +77,9 @@ LOWEST_MODE, HIGHEST_MODE, MODE_SHARE, MODE_STEP = 8.0, 100.0, 0.4, 0.02
 """Resonances that are looked for: lowest and highest one [Hz], highest one as a share of the rate, and their step."""
 MODE_DAMPING = (0.01, 0.03, 0.1)
 """Damping ratios that are tried."""
-MODE_WORTH, MODE_NEAR = 0.1, 0.9
-"""Share of the sum of squares that a resonance explains at least, and the part of it that all in its interval do."""
+MODE_WORTH, MODE_NEAR, MODE_WIDEST = 0.1, 0.9, 1.5
+"""Share of the sum of squares that a resonance explains at least, the part of it that all in its interval do, and the
+largest ratio of the ends of this interval."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
@@ -414,6 +415,8 @@ class _Problem:
         if by_frequency[best] < MODE_WORTH or best in (0, len(frequencies) - 1):  # the curve has no top
             return None
         low, top, high = (float(frequencies[each]) for each in (near[0], best, near[-1]))
+        if high > MODE_WIDEST * low:  # far from its solution, any swing explains a part of what a fit leaves
+            return None
         return Estimate(top, low / math.exp(MODE_STEP), high * math.exp(MODE_STEP), "Hz")
 
     def residuals(self, vector: Matrix) -> Matrix:
