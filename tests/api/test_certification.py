@@ -28,7 +28,7 @@ def bench(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.thorough("certifies 13 drawn benches", quick=("250.0-1",))
+@pytest.mark.thorough("certifies 13 drawn benches")
 @pytest.mark.parametrize(("rate", "seed"), [(SLOW, 1), *((None, seed) for seed in range(12))])
 def test_the_onset_of_a_bench_that_its_rig_describes_badly_is_told_and_not_reached(
     bench: Path, rate: float | None, seed: int
@@ -243,6 +243,7 @@ def test_a_contact_whose_swings_have_too_few_counts_is_not_tapped(bench: Path) -
     assert (found.seen, found.onset) == (None, None)
 
 
+@pytest.mark.thorough("taps a wall in many steps")
 def test_taps_that_tell_no_shaft_leave_the_onset_open(bench: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def none(*_: object) -> object:
         return fit_shaft([])

@@ -213,7 +213,7 @@ def test_a_rig_made_in_python_and_a_run_on_the_shipped_bench_do_not_look_back(
     assert len(looked) == 1
 
 
-@pytest.mark.thorough("runs a bench for 80 s", quick=("0",))
+@pytest.mark.thorough("runs a bench for 80 s")
 @pytest.mark.parametrize("seed", [pytest.param(each, id=str(each)) for each in range(4)])
 def test_a_hand_that_plays_with_a_spring_contradicts_no_correct_bench(seed: int, tmp_path: Path) -> None:
     """It leads the handle by eight waves up to 2 Hz; a fit of a window leaves only noise."""

@@ -60,7 +60,7 @@ def test_an_elastic_shaft_of_a_light_load_is_at_least_told_by_the_counts_that_ar
     assert fit.model.damping == pytest.approx(MODEL.damping, rel=0.1)
 
 
-@pytest.mark.thorough("fits six benches", quick=("rigid",))
+@pytest.mark.thorough("fits six benches")
 @pytest.mark.parametrize(
     "mechanics",
     [

@@ -91,6 +91,7 @@ def test_another_torque_is_found_where_the_hand_is_known() -> None:
     assert fit.values["inertia"].value == pytest.approx(5e-5, rel=0.03)
 
 
+@pytest.mark.thorough("fits by two programs")
 def test_the_values_without_a_hand_are_those_of_scipys_least_squares() -> None:
     shaft = record_of_shaft(TRUE, multisine(3000, 0.02))
     positions, torques = np.array(shaft.positions), np.array(shaft.torques)

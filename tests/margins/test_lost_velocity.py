@@ -92,6 +92,7 @@ def body(stiffness: float, *, follows: bool) -> tuple[ArrayLike, ...]:
     )  # fmt: skip
 
 
+@pytest.mark.thorough("judges a mass with two estimators", quick=1)
 @pytest.mark.parametrize(("estimator", "follows"), [(LAZY, False), (QUICK, True)])
 def test_a_body_of_a_scene_is_judged_without_its_velocity_too(estimator: str, *, follows: bool) -> None:
     plan = plan_of(scene_of(DampedSprungMass("handle", stiffness=300.0, damping=40.0, mass=2.0)), estimator=estimator)
