@@ -128,6 +128,7 @@ def twin(
 
     With --check, the exit status is 1 when a value changed.
     """
+    from haptic_fieldbus.api.twin import KEPT
     from haptic_fieldbus.api.twin import twin as fit_twin
 
     check_new(out)
@@ -136,6 +137,8 @@ def twin(
     if check and not found.compared:
         raise UsageError(f"{rig}: no twin, since it has no [axis.{found.axis}.identified]")
     if out is not None:
+        if all(found.fit.values[name].reason for name in KEPT):
+            raise UsageError(f"{out}: not written, since {recording} tells no value; without --out, each says why")
         write_new(out, found.text)
     rows = [*_rows(found, check), OutputRow("written", [] if out is None else [str(out)])]
     show_result(lines_of(rows), found.to_json, as_json=as_json)

@@ -128,7 +128,11 @@ def resolve(request: HostRequest) -> tuple[BusName, list[DriveOnBus]]:
         if bus is not None:
             interface = bus.section.interface
             nodes = [each for each in range(HIGHEST_NUMBER + 1) if not protocol.wanted_node(each, interface)]
-        drives = numbered(texts or request.drives or [protocol.default_drive], request.node, nodes)
+        first = request.node
+        if first not in nodes:
+            faults.append(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")
+            first = nodes[0]
+        drives = numbered(texts or request.drives or [protocol.default_drive], first, nodes)
     for drive, axis in zip(drives, request.axes or [None] * len(drives), strict=False):
         with collecting(faults):
             bench = (drive, request.bus or "", Workspace.LINEAR, hand, request.faults)
@@ -229,15 +233,13 @@ def joined_bus(text: str | None) -> BusName:
 def numbered(texts: Sequence[str], first: int, nodes: Sequence[int]) -> list[NamedDrive]:
     """Return every drive with its number: the stated number, otherwise the next free one from `first` on.
 
-    `nodes` are the valid numbers of the protocol. Raises UsageError for a number that is used twice or out of range,
-    and when none is left.
+    `nodes` are the valid numbers of the protocol, `first` among them. Raises UsageError for a number that is used twice
+    or out of range, and when none is left.
     """
     asking = [text.rpartition("@")[2].isdecimal() and "@" in text for text in texts]
     taken = [drive_of(text, nodes).node for text, asks in zip(texts, asking, strict=True) if asks]
     if twice := sorted({node for node in taken if taken.count(node) > 1}):
         raise UsageError(f"node-ID {', '.join(map(str, twice))} is used twice")
-    if first not in nodes:
-        raise UsageError(f"node {first}: a node-ID is a whole number from {nodes[0]} to {nodes[-1]}")
     free = (node for node in nodes if node >= first and node not in taken)
     drives = []
     for text, asks in zip(texts, asking, strict=True):

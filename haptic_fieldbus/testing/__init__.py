@@ -141,7 +141,9 @@ def _numbers(found: Any) -> tuple[Any, ...]:
 
 
 def _form(element: Any, reach: Reach) -> Iterator[str]:
-    """Check the class: a frozen dataclass with one law."""
+    """Check the class: a frozen dataclass with one law, and a text as its name."""
+    if not isinstance(element.name, str):
+        yield f"name: expected a text, not {element.name!r}"
     if not is_dataclass(element) or not cast(Any, element).__dataclass_params__.frozen:
         yield "expected a frozen dataclass"
     kinds = (StaticElement, MemoryElement, DynamicElement, CouplingElement)

@@ -92,8 +92,10 @@ class VirtualModbusLine:
 
     @property
     def address(self) -> tuple[str, int]:
-        """Host and port of a TCP line."""
+        """Host and port of a TCP line; raises UsageError for a serial one."""
         host, _, port = self.channel.rpartition(":")
+        if self._section.serial:
+            raise UsageError(f"{self._section.interface}:{self.channel} has no address; its channel is the device")
         return host, int(port)
 
     def wait_until(self, condition: Callable[[], bool], longest: float = 1.0) -> bool:

@@ -50,6 +50,16 @@ def test_a_run_that_leaves_nothing_to_check_is_told_without_a_check(folder: Path
 
 
 @pytest.mark.thorough("fits a twin")
+def test_a_run_that_tells_no_value_is_written_as_no_twin(folder: Path, command: Command) -> None:
+    """Without a hand nothing but the motor would have moved the handle, which was pushed all the time."""
+    asked = ("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--free", "1:3.4")
+    ended, refused = command(*asked), command(*asked, "--out", folder / "untold.toml")
+    assert (ended.status, refused.status) == (0, 2)
+    assert "untold.toml: not written, since " in refused.err
+    assert not (folder / "untold.toml").exists()
+
+
+@pytest.mark.thorough("fits a twin")
 def test_the_twin_of_a_simulated_run_on_the_rig_of_a_real_bus_is_simulated(tmp_path: Path, command: Command) -> None:
     rig, run, twin = (tmp_path / name for name in ("rig.toml", "run.mcap", "twin.toml"))
     stated = hidden_bench(3).stated

@@ -1,6 +1,7 @@
 """Requests to `simulate` are checked as a whole before a bus is opened."""
 
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
@@ -10,7 +11,7 @@ from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.protocols.canopen.bus import NODES
 from haptic_fieldbus.protocols.protocol import BusName
 from haptic_fieldbus.signals import Workspace
-from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored
+from haptic_fieldbus.sim.faults import AnswerLost, BusOff, Emergency, ErrorFrame, Fault, SyncIgnored, load_faults
 from haptic_fieldbus.sim.host_request import HostRequest, host_on, joined_bus, numbered, resolve, rig_of
 
 
@@ -42,7 +43,6 @@ class TestRequest:
         ("texts", "first", "said"),
         [
             (["a@5", "b@5"], 1, "node-ID 5 is used twice"),
-            (["a"], 0, "node 0: a node-ID is a whole number from 1 to 127"),
             (["a@200"], 1, "expected profile@node-ID"),
             (["a", "b"], 127, "no free node-ID for b"),
         ],
@@ -62,13 +62,13 @@ class TestRequest:
 
     def test_all_that_is_wrong_is_told_at_once(self) -> None:
         faults = (BusOff("bus_off", 1.0), ErrorFrame("error_frame", 1.0), Emergency("emergency", 1.0, 1, bus="can0"))
-        request = HostRequest(["generic_cia402", "nonsense"], "sim", hand="foot", faults=faults)
+        request = HostRequest(["generic_cia402", "nonsense"], "sim", node=128, hand="foot", faults=faults)
         with pytest.raises(UsageError) as refused:
             resolve(request)
         said = str(refused.value).splitlines()
         assert [line.split()[0:2] for line in said] == [
             ["fault", '"bus_off"'], ["fault", '"error_frame"'], ["fault", '"emergency"'], ["no", "hand"],
-            ["bus", '"sim":'], ["no", "profile"],
+            ["bus", '"sim":'], ["node", "128:"], ["no", "profile"],
         ]  # fmt: skip
 
     @pytest.mark.parametrize(
@@ -86,6 +86,12 @@ class TestRequest:
     def test_a_fault_of_another_protocol_is_refused(self, bus: str, drive: str, fault: Fault, said: str) -> None:
         with pytest.raises(UsageError, match=said):
             resolve(HostRequest([drive], bus, faults=(fault,)))
+
+    def test_a_fault_may_be_of_any_modbus_unit(self, tmp_path: Path) -> None:
+        file = tmp_path / "faults.toml"
+        file.write_text('[[fault]]\nkind = "answer_lost"\nat = 1.0\nnode = 200\n', encoding="utf-8")
+        request = HostRequest(["generic_cia402_modbus@200"], "modbus-tcp:127.0.0.1:0", faults=load_faults(file))
+        assert [fault.node for fault in resolve(request)[1][0].faults] == [200]
 
     def test_a_fault_of_a_drive_that_is_not_hosted_is_refused(self) -> None:
         request = HostRequest(["generic_cia402@5"], "virtual:x", faults=(Emergency("emergency", 1.0, 1, node=9),))

@@ -112,6 +112,7 @@ class Deaf(Spring):
     ("element", "fault"),
     [
         (Thawed(), "expected a frozen dataclass"),
+        (Spring(name=7), "name: expected a text, not 7"),  # type: ignore[arg-type]
         (Lawless(), "expected one of force, begin and dynamics"),
         (Remembering(), "the memory of one acts on the other"),
         (Doubled(), "needs a signal twice"),

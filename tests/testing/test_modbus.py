@@ -80,6 +80,8 @@ def test_a_line_may_be_a_pseudo_terminal(
 ) -> None:
     assert virtual_modbus_line.channel.startswith("/dev/pts/")
     assert virtual_modbus_line.name.startswith("modbus-rtu:/dev/pts/")
+    with pytest.raises(UsageError, match=r"modbus-rtu:/dev/pts/.* has no address; its channel is the device"):
+        _ = virtual_modbus_line.address
     assert repr(simulated_drive) == f"<simulated {simulated_drive.profile.title}, unit {UNIT}: switch on disabled>"
 
 

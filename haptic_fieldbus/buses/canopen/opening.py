@@ -154,7 +154,8 @@ ADVICE: Mapping[str, str] = {
     "socketcan": "type an interface that is up, as `ip -details link show type can` lists them",
     "socketcand": "no driver needed; give the daemon, for example socketcand:can0,host=192.168.1.20,port=29536",
     "systec": f"install the USB-CANmodul driver of SYS TEC, which is for Windows only; {_SOCKETCAN}",
-    "udp_multicast": "type a multicast group, for example udp_multicast:239.74.163.2",
+    "udp_multicast": "type a multicast group and a port of 1 to 65535, for example udp_multicast:239.74.163.2 or "
+    "udp_multicast:239.74.163.2,port=43113",
     "usb2can": 'install the CANAL driver of 8devices, which is for Windows only, and "pywin32" by pip',
     "vector": "install the XL driver library of Vector, which is for Windows only",
     "virtual": "type virtual:NAME",

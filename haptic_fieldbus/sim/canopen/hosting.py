@@ -10,7 +10,7 @@ A step must not cause lateness itself, so everything for it is built before a dr
 exponential is computed and no module imported, and existing objects are kept out of garbage collection.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
 from operator import is_
 
@@ -129,6 +129,13 @@ class HostPort:
         stamped_ns = None if self._port is None else self._port.arrived_ns(earliest_ns)
         return max(earliest_ns, self._clock.now_ns() if stamped_ns is None else stamped_ns)
 
+    def twice(self, nodes: Collection[int]) -> BusError:
+        """Return the error that another device has these node-IDs."""
+        return BusError(
+            f"{self._name}: another device on this bus has the node-ID {', '.join(map(str, sorted(nodes)))}; choose "
+            "another one by --node or --drive PROFILE@NODE, or disconnect the other device"
+        )
+
     def close(self) -> None:
         """Leave the bus."""
         if self._bus is not None:
@@ -194,17 +201,14 @@ def host(
 
     `opened` is called once the bus is open, `ready` for each drive once it has booted; `tell` gets a sentence when the
     bus goes down or returns. Raises UsageError or BusError when the bus cannot be opened, BusError when another device
-    on it has the node-ID of a drive, and UsageError when two drives have the same node-ID.
+    on it has the node-ID of a drive, also when it comes later, and UsageError when two drives have the same node-ID.
     """
     section = can_section(bus.section)
     clock = MonotonicClock()
     host_port = HostPort(open_can(section), clock, bus.text, tell, partial(open_can, section))
     try:
         if taken := _taken({slot.node for slot in slots}, host_port, clock):
-            raise BusError(
-                f"{bus.text}: another device on this bus has the node-ID {', '.join(map(str, sorted(taken)))}; choose "
-                "another one by --node or --drive PROFILE@NODE, or disconnect the other device"
-            )
+            raise host_port.twice(taken)
         opened(bus)
         subject = Host(host_port, clock, seed, bitrate=section.bitrate)
         for slot in slots:
@@ -251,6 +255,8 @@ class Host:
         self._drives = SimulatedDrives(seed, LONGEST_REMEMBERED)
         self._routes: list[object] = []
         """Handlers of the nodes at the last setting of the frame filter."""
+        self._nodes: frozenset[int] = frozenset()
+        """Node-IDs at that time."""
 
     def add(self, slot: DriveOnBus) -> None:
         """Build a drive with everything for its steps, and power it on; raises UsageError when its node-ID is taken."""
@@ -260,7 +266,10 @@ class Host:
         slave.drive.plant.prepare()
 
     def serve(self, longest_ns: int) -> None:
-        """Handle one received frame or the next due timer, within `longest_ns`."""
+        """Handle one received frame or the next due timer, within `longest_ns`; raises BusError for our own heartbeat.
+
+        Two devices that begin at the same time find each other by it.
+        """
         # A frame that waits may have come before a timer that is due: what waits is looked at first.
         frame = self._host_port.receive(min(longest_ns, self._drives.due_ns - self._clock.now_ns()))
         if frame is None:
@@ -269,6 +278,8 @@ class Host:
             for _port, slave in self._drives.attached:
                 slave.drive.servo.advance(self._served_ns)
             return
+        if frame.can_id - HEARTBEAT_COB_ID in self._nodes and not frame.remote and not frame.extended:
+            raise self._host_port.twice((frame.can_id - HEARTBEAT_COB_ID,))
         t_ns = self._host_port.arrived_ns(self._served_ns)
         self._catch_up(t_ns)
         self._drives.receive(frame, None, t_ns)
@@ -304,4 +315,7 @@ class Host:
         slaves = [slave for _port, slave in self._drives.attached]
         if not all(map(is_, (slave.node.handlers for slave in slaves), self._routes)):
             self._routes = [slave.node.handlers for slave in slaves]
-            self._host_port.focus(frozenset().union(*(slave.concerns for slave in slaves)))
+            self._nodes = frozenset(slave.node.number for slave in slaves)
+            # Their own heartbeats too: only another device sends those to us.
+            own = frozenset((HEARTBEAT_COB_ID + node, False) for node in self._nodes)
+            self._host_port.focus(own.union(*(slave.concerns for slave in slaves)))

@@ -21,7 +21,9 @@ from haptic_fieldbus.errors import FaultFileError, wrong_kind
 
 # The fields that all kinds of faults share, and the types of fields that several have.
 
-Node = Annotated[int, Ge(1), Le(127)]
+Node = Annotated[int, Ge(1), Le(255)]
+"""Number of a drive on its bus: a node-ID of CANopen, up to 127, or a Modbus unit."""
+NodeId = Annotated[int, Ge(1), Le(127)]
 ErrorCode = Annotated[int, Ge(0x0001), Le(0xFFFF)]
 Count = Annotated[int, Ge(1), Le(1_000_000_000)]
 Octet = Annotated[int, Ge(0), Le(0xFF)]
@@ -121,7 +123,7 @@ class FrameWrongLength(AtInstant, kind="frame_wrong_length"):
 class FrameWrongNode(AtInstant, kind="frame_wrong_node"):
     """The next `count` frames of a service arrive under the identifier of the node `to`."""
 
-    to: Node
+    to: NodeId
     frames: FrameGroup = "tpdo"
     count: Count = 1
 

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -259,6 +260,34 @@ class TestHosting:
                 notifier.stop()
                 if sender is not None:
                     sender.join()
+
+    def test_a_device_that_takes_the_node_id_later_ends_the_hosting(self) -> None:
+        bus, slots = resolve(HostRequest(["generic_cia402@7"], "virtual:hosting twice later"))
+        with can.Bus(interface="virtual", channel="hosting twice later") as device:
+            booted = can.Message(arbitration_id=0x707, data=b"\0", is_extended_id=False)
+            end_s = time.monotonic() + 10.0
+            with pytest.raises(BusError, match=r"later: another device on this bus has the node-ID 7; choose another"):
+                host(bus, slots, 0, lambda slot: device.send(booted), lambda: time.monotonic() > end_s)
+
+    def test_of_two_that_begin_at_the_same_time_at_most_one_goes_on(self) -> None:
+        bus, slots = resolve(HostRequest(["generic_cia402@7"], "virtual:hosting twice at once"))
+        together, end_s = threading.Barrier(2), time.monotonic() + 10.0
+        told: list[str] = []
+
+        def hosted() -> None:
+            together.wait()
+            try:
+                host(bus, slots, 0, lambda slot: None, lambda: bool(told) or time.monotonic() > end_s)
+            except BusError as error:
+                told.append(str(error))
+
+        threads = [threading.Thread(target=hosted) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        assert told
+        assert all(" at once: another device on this bus has the node-ID 7; " in each for each in told)
 
 
 def _repeat(device: can.BusABC, message: can.Message, ended: threading.Event) -> None:
