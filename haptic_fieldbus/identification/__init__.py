@@ -62,7 +62,8 @@ class Announcement:
         if self.pulses:
             yield (
                 f"before that, pulses of up to {in_unit(self.pulses, effort)} test the motor direction, as in every "
-                "run; they grow until the handle moves, and how fast it is then is not known beforehand"
+                "run; they grow until the handle moves, and how fast and how far is not known beforehand; beyond the "
+                "travel the motor is switched off"
             )
         parts = {"rest": "rest", "friction": "slow pushes until it moves", "dynamics": "short pulses"}
         yield f"first run: {', '.join(told for part, told in parts.items() if part not in self.skipped)}"

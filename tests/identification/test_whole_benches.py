@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.api.identification import BenchTask, bounds_of
 from tests.identification.drawn import table
 from tests.identification.whole_benches import accurate, drawn_whole_bench, judged, measured_whole, wrong_with
 
@@ -61,3 +62,14 @@ def test_sums_of_a_draw_are_told_by_value() -> None:
         "intervals that cover: inertia 1 of 2",
         "values that are near enough: inertia 0 of 1",
     ]
+
+
+@pytest.mark.thorough("measures a bench")
+def test_pulses_that_throw_the_handle_out_of_its_travel_end_it_as_announced(tmp_path: Path) -> None:
+    """A handle that sticks breaks loose at a pulse that is much stronger than its friction."""
+    bench = drawn_whole_bench(99)
+    told = " ".join(bounds_of(BenchTask(bench.write(tmp_path), rate=bench.rate)).lines())
+    assert "how far is not known beforehand; beyond the travel the motor is switched off" in told
+    measured = measured_whole(bench, tmp_path)
+    assert "beyond the limit of 0.004848 m; torque is off" in measured.failure
+    assert measured.noted.angle == 0.0, "no experiment began"

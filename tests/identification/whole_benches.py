@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from haptic_fieldbus.api.identification import BenchTask, identify
+from haptic_fieldbus.api.identification import BenchTask, bounds_of, identify
 from haptic_fieldbus.errors import HapticFieldbusError
-from haptic_fieldbus.identification import IdentifiedBench
+from haptic_fieldbus.identification import Announcement, IdentifiedBench
 from haptic_fieldbus.identification.experiment import Experiment
 from haptic_fieldbus.sim.drive.servo import Servo
 from haptic_fieldbus.sim.mechanics.body import Body
@@ -259,6 +259,7 @@ class Measured:
     found: IdentifiedBench | None
     noted: Noted
     failure: str = ""
+    announced: Announcement | None = None
 
     @cached_property
     def truth(self) -> dict[str, float]:
@@ -276,12 +277,14 @@ class Measured:
 def measured_whole(bench: WholeBench, folder: Path) -> Measured:
     """Measure a bench by `identify`; a refusal is kept with its sentence."""
     rig = bench.write(folder)
+    task = BenchTask(rig, rate=bench.rate, profiles=None)
     with noting() as noted:
         try:
-            found = identify(BenchTask(rig, rate=bench.rate, profiles=None))
+            found = identify(task)
         except HapticFieldbusError as error:
-            return Measured(bench, None, noted, str(error))
-    return Measured(bench, found, noted)
+            # Where nothing moved, there may be nothing announced.
+            return Measured(bench, None, noted, str(error), bounds_of(task) if noted.angle else None)
+    return Measured(bench, found, noted, announced=found.announced)
 
 
 def limit_share(measured: Measured) -> float | None:
@@ -296,11 +299,11 @@ def limit_share(measured: Measured) -> float | None:
 
 def wrong_with(measured: Measured) -> list[str]:
     """Return the announced bounds that a bench has left."""
-    found, noted, ratio = measured.found, measured.noted, measured.bench.ratio
-    if found is None:
+    told, noted, ratio = measured.announced, measured.noted, measured.bench.ratio
+    if told is None:
         return []
-    told = found.announced
-    torque = max(max(map(abs, record.torques)) for record in found.records) / ratio
+    records = measured.found.records if measured.found else ()
+    torque = max((max(map(abs, record.torques)) for record in records), default=0.0) / ratio
     return [
         f"seed {measured.bench.seed}: {what} of {value:.4g}, announced were {most:.4g}"
         for what, value, most in (
