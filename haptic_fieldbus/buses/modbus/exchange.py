@@ -202,15 +202,17 @@ class Turns:
             if at < last:
                 self._asked = self._ask(present[at + 1])
         # Octets that were no answers may be a command of another master.
-        for octets in (requester.unasked, requester.garbled):
-            if octets and requester.transport.serial and self.foreign is None:
-                self.foreign = foreign_write(octets, self._units)
-        requester.unasked = requester.garbled = b""
+        if requester.unasked or requester.garbled:
+            for octets in (requester.unasked, requester.garbled):
+                if octets and requester.transport.serial and self.foreign is None:
+                    self.foreign = foreign_write(octets, self._units)
+            requester.unasked = requester.garbled = b""
         # Write all headers.
         now_ns, latch_ns = self._now_ns(), 0
         for link in self._links:
             link.finish(now_ns, self._begun_ns, self.foreign)
-            latch_ns = max(latch_ns, link.latch_ns)
+            if link.latch_ns > latch_ns:
+                latch_ns = link.latch_ns
         HEADER.pack_into(self._image, 0, latch_ns)
         return self._image
 
@@ -222,8 +224,10 @@ class Turns:
         requester, last = self._requester, self._links[-1]
         for link in self._links:
             link.set_point.store(image)
+        if not self._writes:
+            return
         for left, link in zip(range(len(self._links), 0, -1), self._links, strict=True):
-            if not self._writes or requester.outstanding is not None:
+            if requester.outstanding is not None:
                 return
             place, octets = link.set_point.take()
             form = link.writing[place]

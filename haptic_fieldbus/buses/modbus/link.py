@@ -241,13 +241,13 @@ class WideValue:
         way = (value - self._before + 0x8000_0000 & 0xFFFF_FFFF) - 0x8000_0000
         passed_ns = t_ns - self._at_ns
         expected = self._speed * passed_ns if passed_ns <= self._known_ns else 0.0
-        strange = LEAST_TORN <= abs(way - expected) <= MOST_TORN
-        self._doubted = doubted = strange and not self._doubted
-        if not doubted:
-            self._before, self._at_ns = value, t_ns
-            self._speed = way / passed_ns if passed_ns > 0 else 0.0
-            self._known_ns = PREDICTED * passed_ns
-        return doubted
+        if LEAST_TORN <= abs(way - expected) <= MOST_TORN and not self._doubted:
+            self._doubted = True
+            return True
+        self._doubted, self._before, self._at_ns = False, value, t_ns
+        self._speed = way / passed_ns if passed_ns > 0 else 0.0
+        self._known_ns = PREDICTED * passed_ns
+        return False
 
 
 def _joined(block: Block, offsets: Offsets) -> list[tuple[int, int, int]]:
