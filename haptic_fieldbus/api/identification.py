@@ -24,7 +24,7 @@ from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageEr
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -64,6 +64,8 @@ LONGEST = 300.0
 """Longest time of one experiment [s]."""
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
+CHECK_WORSE = 2.0
+"""Prediction error of the unused part of the record, as a multiple of that of the fit, from which on it is told."""
 LEADING_SHARE = 2.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 Question = Callable[[str], bool]
@@ -175,6 +177,11 @@ def identify(
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
+    if check > CHECK_WORSE * max(fit.residual, ENCODER_NOISE):
+        found = found.with_warnings(
+            f"the motion that was fitted is explained to {rounded(fit.residual)} counts, but one with other "
+            f"oscillations is predicted to {rounded(check)} counts only: the values may not hold for other motions"
+        )
     if bench.without is not None:
         gear = getattr(bench.axis.mechanism, "gear_ratio", None)
         return replace(found, scale=scale_check(bench.without, fit.values["inertia"], bench.added * ratio**2, gear))

@@ -20,13 +20,14 @@ from haptic_fieldbus.documents.edits import Value, with_table
 from haptic_fieldbus.drive.rig import MECHANICAL, Rig
 from haptic_fieldbus.errors import HapticFieldbusError, PlanError, SafetyTripError, UsageError
 from haptic_fieldbus.identification import Announcement, IdentifiedBench
-from haptic_fieldbus.identification.experiment import Bounds, Probe
+from haptic_fieldbus.identification.experiment import Bounds, Experiment, Probe
 from haptic_fieldbus.identification.fit import ShaftFit
 from haptic_fieldbus.margins import Basis
 from haptic_fieldbus.planning.request import Task
 from haptic_fieldbus.planning.selection import load, select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.session import Session, Site
+from haptic_fieldbus.sim.mechanics.body import Body
 
 BUSES = {
     "canopen": ("haptic_sim", "bench", 5, "maxon_epos4"),
@@ -195,6 +196,31 @@ def test_without_the_breakaway_the_bench_is_measured_as_well(bench: Path) -> Non
     assert values["coulomb_friction"].value == pytest.approx(5e-3, rel=0.02)
     assert values["inertia"].value == pytest.approx(4e-5, rel=0.02)
     assert found.written == str(bench)
+
+
+@pytest.mark.thorough("measures a bench twice")
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_a_bench_that_is_another_one_in_the_check_is_told(
+    bench: Path, monkeypatch: pytest.MonkeyPatch, share: float
+) -> None:
+    """From the check on, the motor gives a share of its torque."""
+    given, asked, stage = Body.set_target, Experiment.effort, [""]
+
+    def effort(self: Experiment, position: float) -> float:
+        stage[0] = self.stage
+        return asked(self, position)
+
+    def set_target(self: Body, torque: float) -> None:
+        given(self, torque * share if stage[0] == "check" else torque)
+
+    monkeypatch.setattr(Experiment, "effort", effort)
+    monkeypatch.setattr(Body, "set_target", set_target)
+    found = measured(bench, rig_text())
+    told = any("but one with other oscillations is predicted to" in each for each in found.warnings)
+    assert told == (share < 1.0)
+    assert found.check is not None
+    assert (found.check > 10.0 * fit_of(found).residual) == told
+    assert fit_of(found).values["inertia"].value == pytest.approx(4e-5, rel=0.01)
 
 
 @pytest.mark.thorough("measures a bench")
