@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.numerics.sampled import SampledPlant, discretised, estimated, scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, abilities
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, abilities, is_dynamic
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -69,7 +69,7 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
         factor = known.pop("stiffness") / abilities(element).stiffness
         return scaled(linearised(element, known), factor)
     varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
-    return varied.linearised()
+    return varied.dynamics if is_dynamic(varied) else varied.linearised()  # the loop runs `dynamics`
 
 
 def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:

@@ -27,11 +27,11 @@ from haptic_fieldbus.margins.limit import (
 from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
 from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
 from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
-from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, stated_law
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval, is_shipped
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
@@ -146,6 +146,7 @@ class Group:
         verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
         unit = next(member.unit for member in self.members if member.name == self.reference_axis)
         laws = tuple(law for member in self.members for law in self._axle_of(member).own_laws)
+        laws += tuple(stated_law(each) for each in self.couplings if not is_shipped(each))
         found = {}
         for member, verdict in zip(self.members, verdicts, strict=True):
             known = replace(verdict, unit=unit, effort=member.effort, own_laws=laws)

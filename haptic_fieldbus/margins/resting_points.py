@@ -199,6 +199,10 @@ class AxisElements:
         again = survey([doubled], [(place, place) for place in nominal.position.tolist()])
         if not np.allclose(again.largest_forces[0], 2.0 * nominal.places.largest_forces[row]):
             return None
+        # An element of another package may scale its damping too.
+        kept = (again.damping[0], nominal.places.damping[row]), (again.loss[0], nominal.places.loss[row])
+        if not all(np.array_equal(*each) for each in kept):
+            return None
         return row, closed_loop.stiffness_of(element)
 
     def _beside(self, changes: Mapping[str, float]) -> "ElementStates":
@@ -236,10 +240,11 @@ class AxisElements:
 
     @cached_property
     def _unscaled(self) -> "Resting":
-        """Places of a single element, one for each stiffness other than 0."""
+        """Places of a single element, one for each pair of stiffness and damping other than 0."""
         position, stiffness, damping = self._resting(self._nominal)
-        _, rows = np.unique(np.round(stiffness, 12), return_index=True)
-        rows = rows[stiffness[rows] != 0.0]
+        pairs = np.round(np.column_stack([stiffness, damping]), 12)
+        _, rows = np.unique(pairs, axis=0, return_index=True)
+        rows = rows[pairs[rows].any(axis=1)]
         return position[rows], stiffness[rows], damping[rows]
 
     def _resting(self, ground: StiffnessMap | None) -> "Resting":

@@ -24,7 +24,7 @@ from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
-from haptic_fieldbus.scenes.element import Interval, Varying
+from haptic_fieldbus.scenes.element import CouplingElement, Interval, Varying
 
 # All places of an axis: force, stiffness and damping of its elements without memory, at places and between them.
 #
@@ -85,11 +85,11 @@ class Survey:
             return np.asarray((self.damping + np.where(self.loss > 0.0, self.loss * forces, 0.0)).sum(axis=0))
 
     def damping_at(self, stiffness: Array, effort: float) -> Array:
-        """Return the damping (n,) of the elements whose `stiffness`, (elements, n), is not 0.
+        """Return the damping (n,) of the elements with this `stiffness`, (elements, n).
 
-        At the surface of a contact it is that of the side with this stiffness.
+        At the surface of a contact it is that of the side with this stiffness. A damper without any stiffness acts.
         """
-        acts = stiffness != 0.0
+        acts = (stiffness != 0.0) | ((self.least_stiffness == 0.0) & (self.most_stiffness == 0.0))
         return replace(self, damping=acts * self.damping, loss=acts * self.loss).lossy_damping(effort)
 
     def slope(self, effort: float) -> Array:
@@ -242,7 +242,7 @@ class OwnLaw:
     stated: float
     """Stiffness that `linearised` states [N/m or N·m/rad]."""
     beyond: tuple[str, ...]
-    """Inputs of its force besides the position: names of signals, or "memory"."""
+    """Inputs of its force besides the position: names of signals, "memory", or "two axes"."""
     runs_off: bool
     """True if its force away from rest grows without bound on an axis without position limits."""
 
@@ -255,6 +255,12 @@ class OwnLaw:
         read = {"travel": list(self.travel), "steepest": self.steepest, "position": self.position}
         told = {"element": self.element, "places": self.places, **(read if self.places else dict.fromkeys(read))}
         return {**told, "stated": self.stated, "beyond": list(self.beyond), "runs_off": self.runs_off}
+
+
+def stated_law(coupling: CouplingElement) -> OwnLaw:
+    """Return the stability check of a coupling of another package: `linearised` alone."""
+    stated = -float(coupling.linearised().d[0, 0])
+    return OwnLaw(coupling.name, 0, EVERYWHERE, math.nan, math.nan, stated, ("two axes",), False)
 
 
 @dataclass(frozen=True, eq=False)
