@@ -120,8 +120,8 @@ class Axis:
 
     @property
     def own_stiffness(self) -> float:
-        """Largest stiffness of its own elements at the places that were judged [N/m or N·m/rad]."""
-        return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
+        """Largest stiffness of its own elements that a single count meets [N/m or N·m/rad]."""
+        return self.environment.felt if isinstance(self.environment, Places) else 0.0
 
     def damping_needed(self, places: Places, period: float) -> float:
         """Return the device damping for passivity with any hand, at this delay and torque loop [N·s/m or N·m·s/rad]."""

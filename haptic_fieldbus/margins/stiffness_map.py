@@ -328,6 +328,12 @@ class Places(StateSpace):
     runs_off: bool = False
     """Whether the elements push the handle away without bound; the loop is then unstable."""
 
+    @cached_property
+    def felt(self) -> float:
+        """Largest stiffness that a single count meets, with that of the elements with states."""
+        with_states = (sum(max(-float(space.d[0, 0]), 0.0) for space in each.spaces) for each in self.together)
+        return max(float(self.stiffness.max()), 0.0) + max(with_states)
+
     @property
     def has_states(self) -> bool:
         """Whether an element has states, whose stiffness `stiffness` leaves out."""
