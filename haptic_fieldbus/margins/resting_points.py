@@ -161,7 +161,12 @@ class AxisElements:
 
     def _terrain(self, elements: Sequence[Element]) -> StiffnessMap | None:
         varying = [self._at_places(each) for each in elements if _is_at_places(each)]
-        return terrain(varying, self.travel, self._held) if varying else None
+        return terrain(varying, self.travel, self._held, fine=self._has_states) if varying else None
+
+    @cached_property
+    def _has_states(self) -> bool:
+        """Whether an element with states acts beside the places."""
+        return any(not _is_at_places(each) and closed_loop.linearised(each, {}).order for each in self.elements)
 
     @cached_property
     def _held(self) -> float:
@@ -192,7 +197,7 @@ class AxisElements:
         varying = [each for each in self.elements if _is_at_places(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
         changed = [doubled if each is element else self._at_places(each) for each in varying]
-        other = terrain(changed, self.travel, self._held)
+        other = terrain(changed, self.travel, self._held, fine=self._has_states)
         slopes = set(nominal.places.most_stiffness[row].tolist())  # np.unique would import numpy.ma
         if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
             return None

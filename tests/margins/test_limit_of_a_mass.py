@@ -1,4 +1,4 @@
-"""The limit of a damped virtual mass over ranges, against loops put together from scipy alone."""
+"""Damped virtual masses over ranges, and beside a texture, against loops put together from scipy alone."""
 
 import math
 
@@ -7,9 +7,10 @@ import pytest
 import scipy.linalg
 import scipy.signal
 
-from haptic_fieldbus.margins import Plant, Ranges
+from haptic_fieldbus.margins import Plant, Ranges, Verdict
 from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.scenes.damped_sprung_mass import DampedSprungMass
+from haptic_fieldbus.scenes.texture import Texture
 from tests.loops import Array
 
 PERIOD = 2e-3
@@ -23,8 +24,11 @@ def mass_step(stiffness: float, mass: float, damping: float) -> tuple[Array, ...
     return tuple(scipy.signal.cont2discrete((a, b, c, d), PERIOD, method="bilinear")[:4])
 
 
-def growth(plant: Plant, delay: float, element: tuple[float, float, float]) -> float:
-    """Return the spectral radius without the eigenvalue 1 of a shift; states x, v, f, x before, the mass, forces."""
+def growth(plant: Plant, delay: float, element: tuple[float, float, float], spring: float = 0.0) -> float:
+    """Return the spectral radius; states x, v, f, x before, the mass, forces.
+
+    Without a `spring` to the ground the eigenvalue 1 of a shift is left out.
+    """
     a, b, c, d = mass_step(*element)
     whole = math.floor(delay / PERIOD)
     rest, size = delay - whole * PERIOD, 7 + whole
@@ -36,12 +40,13 @@ def growth(plant: Plant, delay: float, element: tuple[float, float, float]) -> f
     def period(state: Array) -> Array:
         inputs = np.array([state[0], (state[0] - state[3]) / PERIOD])
         inner = state[4:6]
-        forces = [float((c @ inner + d @ inputs)[0]), *state[6:]]
+        forces = [float((c @ inner + d @ inputs)[0]) - spring * state[0], *state[6:]]
         moved = late @ [*(early @ [*state[:3], forces[whole + 1]])[:3], forces[whole]]
         return np.array([*moved[:3], state[0], *(a @ inner + b @ inputs), *forces[:-1]])
 
     modes = np.linalg.eigvals(np.array([period(unit) for unit in np.eye(size)]).T)
-    return float(np.abs(np.delete(modes, np.argmin(np.abs(modes - 1.0)))).max())
+    shift = [] if spring else [int(np.argmin(np.abs(modes - 1.0)))]
+    return float(np.abs(np.delete(modes, shift)).max())
 
 
 @pytest.mark.parametrize(
@@ -65,3 +70,23 @@ def test_no_value_in_the_ranges_grows_below_the_limit(
     assert growth(*at, (stiffness, mass, damping)) > 1.002
     assert growth(*at, (50.0, mass, damping)) < 1.0
     assert 50.0 < Group((member,), (), PERIOD).limit_over_ranges().value < stiffness
+
+
+def test_every_slope_of_a_texture_counts_beside_a_virtual_mass() -> None:
+    """Its slopes run from 0 to 232 N/m; once only 0, 116, 201 and 232 N/m were tried, all of which are stable."""
+    plant, delay = Plant(2.5120e-3, 0.0976858, torque_lag=0.3858e-3), 0.80222e-3
+    mass = DampedSprungMass("a", 187.217, 1.66373e-3, 0.450362)
+    element = mass.stiffness, mass.mass, mass.damping
+    assert all(growth(plant, delay, element, slope) < 1.0 for slope in (1.0, 116.0, 201.0, 232.0))
+    worst = max(growth(plant, delay, element, slope) for slope in np.linspace(130.0, 190.0, 61))
+    assert worst > 1.001
+
+    def judged(*elements: Texture | DampedSprungMass) -> Group:
+        member = Member("a", plant, delay, elements, "trapezoidal", "backward-difference", effort=10.0)
+        return Group((member,), (), PERIOD)
+
+    texture = Texture("a", 232.0 * 0.01 / (2.0 * math.pi), 0.01)
+    found = judged(texture, mass).stability
+    assert found.verdict is Verdict.UNSTABLE
+    assert found.spectral_radius == pytest.approx(worst, abs=1e-4)
+    assert judged(mass).stability.verdict is Verdict.STABLE
