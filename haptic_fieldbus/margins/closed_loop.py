@@ -20,7 +20,7 @@ from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, gain, parallel
 from haptic_fieldbus.numerics.passivity import damping_needed
 from haptic_fieldbus.numerics.sampled import SampledPlant, discretised, estimated, scaled
-from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, abilities
+from haptic_fieldbus.scenes.element import AnyElement, DynamicElement, Element, abilities, is_dynamic
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
@@ -69,7 +69,7 @@ def linearised(element: AnyElement, changes: Mapping[str, float]) -> StateSpace:
         factor = known.pop("stiffness") / abilities(element).stiffness
         return scaled(linearised(element, known), factor)
     varied: AnyElement = replace(element, **known) if known else element  # type: ignore[type-var]  # a dataclass
-    return varied.linearised()
+    return varied.dynamics if is_dynamic(varied) else varied.linearised()  # the loop runs `dynamics`
 
 
 def with_parameters(element: Kind, changes: Mapping[str, float]) -> Kind:
@@ -120,8 +120,8 @@ class Axis:
 
     @property
     def own_stiffness(self) -> float:
-        """Largest stiffness of its own elements at the places that were judged [N/m or N·m/rad]."""
-        return max(float(self.environment.stiffness.max()), 0.0) if isinstance(self.environment, Places) else 0.0
+        """Largest stiffness of its own elements that a single count meets [N/m or N·m/rad]."""
+        return self.environment.felt if isinstance(self.environment, Places) else 0.0
 
     def damping_needed(self, places: Places, period: float) -> float:
         """Return the device damping for passivity with any hand, at this delay and torque loop [N·s/m or N·m·s/rad]."""

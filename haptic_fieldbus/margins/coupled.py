@@ -46,7 +46,7 @@ from haptic_fieldbus.numerics import coupled
 from haptic_fieldbus.numerics.linear import Matrix, StateSpace, equilibrium, gain, parallel
 from haptic_fieldbus.numerics.passivity import Array, Complex, frequency_responses, hold, worst
 from haptic_fieldbus.numerics.sampled import spectral_radius
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, is_shipped
 
 # Passivity of coupled axes: sampled forces behind delayed holds and torque loops, for any passive hands on them.
 # The forces are F_k = H x_k with an n × n matrix H. They are held and filtered axis by axis as in `passivity`; P_i and
@@ -315,6 +315,8 @@ def has_potential(couplings: Sequence[Any], efforts: Mapping[str, float], are_al
 
     `efforts` are the largest forces of the motors [N or N·m]. `are_alone`: the axes have no elements of their own.
     """
+    if not all(map(is_shipped, couplings)):  # it is known in one place alone, by its `linearised`
+        return False
     if are_linear(couplings, efforts):
         return True
     if len(couplings) != 1:
@@ -329,8 +331,9 @@ def has_potential(couplings: Sequence[Any], efforts: Mapping[str, float], are_al
 
 
 def may_slacken(couplings: Sequence[Any]) -> bool:
-    """Return whether a coupling has play or a largest force."""
-    return any(getattr(each, "dead_band", 0.0) or getattr(each, "saturation", None) for each in couplings)
+    """Return whether a coupling has play or a largest force, or is of another package and may have them."""
+    slack = (getattr(each, "dead_band", 0.0) or getattr(each, "saturation", None) for each in couplings)
+    return any(slack) or not all(map(is_shipped, couplings))
 
 
 def between(

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 from haptic_fieldbus.margins import closed_loop
 from haptic_fieldbus.margins.closed_loop import Axis, ClosedLoop, OneAxis
 from haptic_fieldbus.margins.limit import (
+    DELAYS,
+    ENDS,
     FACTOR,
     PRECISION,
     Limit,
@@ -24,21 +26,22 @@ from haptic_fieldbus.margins.limit import (
     neighbours,
     suggest,
 )
-from haptic_fieldbus.margins.linear import ROUNDING, EnvironmentOf
+from haptic_fieldbus.margins.linear import ROUNDING, SCAN_FACTOR, EnvironmentOf
 from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
 from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
-from haptic_fieldbus.margins.stiffness_map import EVERYWHERE
+from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, stated_law
 from haptic_fieldbus.margins.verdict import Stability, judge
 from haptic_fieldbus.numerics.linear import StateSpace
 from haptic_fieldbus.numerics.sampled import TACHOMETER
-from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval
+from haptic_fieldbus.scenes.element import AnyElement, CouplingElement, Element, Interval, is_dynamic, is_shipped
 from haptic_fieldbus.signals import Signal
 
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
 
-LOWER = (1.0, 0.6, 0.2)
-"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far."""
+LOWER, MANY_LOWER = (1.0, 0.6, 0.2), tuple(0.7**number for number in range(11))
+"""Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far; the
+second ones beside virtual masses."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +149,7 @@ class Group:
         verdicts = judge(self.loop, self._varied(), stiffness, closed_loop.damping_of(self.varied))
         unit = next(member.unit for member in self.members if member.name == self.reference_axis)
         laws = tuple(law for member in self.members for law in self._axle_of(member).own_laws)
+        laws += tuple(stated_law(each) for each in self.couplings if not is_shipped(each))
         found = {}
         for member, verdict in zip(self.members, verdicts, strict=True):
             known = replace(verdict, unit=unit, effort=member.effort, own_laws=laws)
@@ -169,17 +173,18 @@ class Group:
         ranges = [(member.plant, member.known_ranges) for member in self.members]
         bases = {each.basis for _, each in ranges}
         basis = next(each for each in (Basis.STATED, Basis.IDENTIFIED, Basis.SIMULATED) if each in bases)
+        delays, lower = (DELAYS, MANY_LOWER) if self._has_masses else (ENDS, LOWER)
         if self.stiffest is None:
-            grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges))
+            grown = any(self._at(values).growth() > 1.0 + ROUNDING for values in corners(ranges, delays))
             return Limit(0.0 if grown else math.inf, basis)
-        found, at = least((values, self._at(values)) for values in corners(ranges))
+        found, at = least(((values, self._at(values)) for values in corners(ranges, delays)), lower)
         before = math.inf
         # Springs alone between free handles have no worst corner for each axis of its own.
         is_more = any(member.elements or member.bodies for member in self.members)
         may_differ = is_more or any(Signal.VELOCITY in each.needs for each in self.couplings)
         while self.couplings and may_differ and 0.0 < found < before:
             before = found
-            found, at = least(((values, self._at(values)) for values in neighbours(ranges, at)), found, at)
+            found, at = least(((values, self._at(values)) for values in neighbours(ranges, at)), lower, found, at)
         # The delay and lag of the plan lie inside their ranges, so no corner has these values.
         found = min(found, self.stability.stiffness_limit.stable or 0.0)
         rough = self._at(least_friction(ranges))
@@ -246,7 +251,13 @@ class Group:
 
     def rough_limit(self) -> float:
         """Return the limit of stability [N/m or N·m/rad] with the precision of a limit over ranges."""
-        return self.loop.limit(self._varied(), factor=FACTOR, precision=PRECISION)
+        factor = SCAN_FACTOR if self._has_masses else FACTOR
+        return self.loop.limit(self._varied(), factor=factor, precision=PRECISION)
+
+    @property
+    def _has_masses(self) -> bool:
+        """Whether an element has virtual states; it may grow at one stiffness and not at a larger one."""
+        return any(is_dynamic(element) for member in self.members for element in member.elements)
 
     def rough_margin(self) -> float:
         """Return `rough_limit` divided by the stiffness (by 1 for a stiffness of 0); ∞ without a stiffness to vary."""
@@ -339,11 +350,17 @@ class Group:
 
 
 def least(
-    found: Iterable[tuple[tuple[Values, ...], Group]], limit: float = math.inf, at: tuple[Values, ...] = ()
+    found: Iterable[tuple[tuple[Values, ...], Group]],
+    lower: Sequence[float],
+    limit: float = math.inf,
+    at: tuple[Values, ...] = (),
 ) -> tuple[float, tuple[Values, ...]]:
-    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them."""
+    """Return the smallest limit of these loops, and its values; `limit` and `at` are those of a loop before them.
+
+    A loop that is stable at the shares `lower` of the limit counts as one without a limit below it.
+    """
     for values, loop in found:
-        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in LOWER):
+        if at and math.isfinite(limit) and all(loop.bears(share * limit) for share in lower):
             continue
         own = loop.rough_limit()
         if own < limit or not at:

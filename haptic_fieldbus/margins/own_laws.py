@@ -32,8 +32,8 @@ NEAR = 2.0 * math.pi
 """Largest position of dense sampling in a travel without limits [m or rad]: a turn to either side."""
 MANY, FEW = 768, 96
 """Number of places of the first sampling, and of each further sampling with another stiffness of the same element."""
-MOST = {MANY: 1536, FEW: 256}
-"""Largest number of places after halving."""
+MORE = {MANY: 768, FEW: 160}
+"""Largest number of places that are added by halving."""
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 STEP, SPEED = 1e-7, 1e-6
 """Steps of difference quotients: a share of |position|, at least of 1 [m or rad]; and a speed [m/s, rad/s]."""
@@ -80,7 +80,8 @@ class SampledLaw:
             (lower, upper), few = reach(*asked), FEW if self.start else MANY
             places = sorted({*uneven(lower, upper, few), *(each for each in self.start if lower <= each <= upper)})
             places = [each for each in places if math.isfinite(self.at(each).force[0])]
-            while 1 < len(places) < MOST[few] and (more := self._halved(places, effort, MOST[few] - len(places))):
+            most = len(places) + MORE[few]
+            while 1 < len(places) < most and (more := self._halved(places, effort, most - len(places))):
                 places = sorted({*places, *more})
             self._found[asked] = tuple(places)
         return self._found[asked]
@@ -138,8 +139,9 @@ class SampledLaw:
         within = np.minimum(np.abs(force[1:]), np.abs(force[:-1])) <= limit
         held = np.abs(force) <= limit
         steepest = float(np.maximum(np.abs(low), np.abs(high))[held].max(initial=0.0))
-        turns = np.maximum(np.abs(low[1:] - high[:-1]), np.abs(high[1:] - low[:-1])) / max(steepest, 1e-300)
-        change = np.maximum(np.abs(np.diff(cut)) / max(limit, 1e-300) * 16.0, np.minimum(turns, 4.0) * 16.0)
+        turns = np.maximum(np.abs(low[1:] - high[:-1]), np.abs(high[1:] - low[:-1]))
+        turns = np.where(turns < 4.0 * steepest, turns / (steepest or 1.0), np.where(turns > 0.0, 4.0, 0.0))
+        change = np.maximum(np.abs(np.diff(cut)) / max(limit, 1e-300) * 16.0, turns * 16.0)
         change[held[1:] != held[:-1]] *= 10.0  # the steepest place is often the last one that the motor holds
         crosses = (np.abs(np.diff(cut)) > 0.0) | within
         (rows,) = np.nonzero((change > 1.0) & crosses & (np.diff(x) > STEP * np.maximum(1.0, np.abs(x[1:]))))

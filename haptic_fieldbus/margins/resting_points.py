@@ -161,7 +161,12 @@ class AxisElements:
 
     def _terrain(self, elements: Sequence[Element]) -> StiffnessMap | None:
         varying = [self._at_places(each) for each in elements if _is_at_places(each)]
-        return terrain(varying, self.travel, self._held) if varying else None
+        return terrain(varying, self.travel, self._held, fine=self._has_states) if varying else None
+
+    @cached_property
+    def _has_states(self) -> bool:
+        """Whether an element with states acts beside the places."""
+        return any(not _is_at_places(each) and closed_loop.linearised(each, {}).order for each in self.elements)
 
     @cached_property
     def _held(self) -> float:
@@ -192,12 +197,16 @@ class AxisElements:
         varying = [each for each in self.elements if _is_at_places(each)]
         row = next(place for place, each in enumerate(varying) if each is element)
         changed = [doubled if each is element else self._at_places(each) for each in varying]
-        other = terrain(changed, self.travel, self._held)
+        other = terrain(changed, self.travel, self._held, fine=self._has_states)
         slopes = set(nominal.places.most_stiffness[row].tolist())  # np.unique would import numpy.ma
         if len(slopes) > MOST_PIECES and not np.array_equal(nominal.position, other.position):
             return None
         again = survey([doubled], [(place, place) for place in nominal.position.tolist()])
         if not np.allclose(again.largest_forces[0], 2.0 * nominal.places.largest_forces[row]):
+            return None
+        # An element of another package may scale its damping too.
+        kept = (again.damping[0], nominal.places.damping[row]), (again.loss[0], nominal.places.loss[row])
+        if not all(np.array_equal(*each) for each in kept):
             return None
         return row, closed_loop.stiffness_of(element)
 
@@ -236,10 +245,11 @@ class AxisElements:
 
     @cached_property
     def _unscaled(self) -> "Resting":
-        """Places of a single element, one for each stiffness other than 0."""
+        """Places of a single element, one for each pair of stiffness and damping other than 0."""
         position, stiffness, damping = self._resting(self._nominal)
-        _, rows = np.unique(np.round(stiffness, 12), return_index=True)
-        rows = rows[stiffness[rows] != 0.0]
+        pairs = np.round(np.column_stack([stiffness, damping]), 12)
+        _, rows = np.unique(pairs, axis=0, return_index=True)
+        rows = rows[pairs[rows].any(axis=1)]
         return position[rows], stiffness[rows], damping[rows]
 
     def _resting(self, ground: StiffnessMap | None) -> "Resting":

@@ -24,7 +24,7 @@ from haptic_fieldbus.margins.passivity import Increments
 from haptic_fieldbus.numerics import sampled
 from haptic_fieldbus.numerics.linear import StateSpace, gain, parallel
 from haptic_fieldbus.numerics.sampled import SampledPlant, estimated
-from haptic_fieldbus.scenes.element import Interval, Varying
+from haptic_fieldbus.scenes.element import CouplingElement, Interval, Varying
 
 # All places of an axis: force, stiffness and damping of its elements without memory, at places and between them.
 #
@@ -85,11 +85,11 @@ class Survey:
             return np.asarray((self.damping + np.where(self.loss > 0.0, self.loss * forces, 0.0)).sum(axis=0))
 
     def damping_at(self, stiffness: Array, effort: float) -> Array:
-        """Return the damping (n,) of the elements whose `stiffness`, (elements, n), is not 0.
+        """Return the damping (n,) of the elements with this `stiffness`, (elements, n).
 
-        At the surface of a contact it is that of the side with this stiffness.
+        At the surface of a contact it is that of the side with this stiffness. A damper without any stiffness acts.
         """
-        acts = stiffness != 0.0
+        acts = (stiffness != 0.0) | ((self.least_stiffness == 0.0) & (self.most_stiffness == 0.0))
         return replace(self, damping=acts * self.damping, loss=acts * self.loss).lossy_damping(effort)
 
     def slope(self, effort: float) -> Array:
@@ -137,13 +137,25 @@ class StiffnessMap:
         return StiffnessMap(self.position, places, lambda: self.between.scaled(row, factor), self.is_open)
 
 
-def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> StiffnessMap:
-    """Return the stiffness map of these elements within `travel`; `effort`: largest force of the motor [N or N·m]."""
+def terrain(elements: Sequence[Varying], travel: Interval, effort: float, *, fine: bool = False) -> StiffnessMap:
+    """Return the stiffness map of these elements within `travel`; `effort`: largest force of the motor [N or N·m].
+
+    A `fine` map has places between neighbours of very different slopes: beside virtual states a spring may be unstable
+    although a softer and a stiffer one are not.
+    """
     lower, upper = travel
     marks = {place for each in elements for place in each.places(lower, upper, effort)}
     grid = sorted(place for place in {*marks, *travel} if lower <= place <= upper and math.isfinite(place))
     if len(elements) > 1:
         grid = sorted([*grid, *places_between(elements, grid, effort)])
+    if fine:
+        slopes = survey(elements, [(place, place) for place in grid]).most_stiffness.sum(axis=0)
+        with np.errstate(invalid="ignore"):  # a contact without an end may be infinitely steep
+            steps = np.abs(np.diff(slopes)) / max(float(np.abs(slopes).max(initial=0.0)), 1e-300)
+        parts = np.ceil(FINE * np.nan_to_num(steps)).astype(int)
+        cuts = zip(pairwise(grid), parts.tolist(), strict=True)
+        more = [low + (high - low) * at / count for (low, high), count in cuts for at in range(1, count)]
+        grid = sorted([*grid, *more])
     edges = [lower, *grid, upper]
     return StiffnessMap(
         np.array(grid),
@@ -155,6 +167,8 @@ def terrain(elements: Sequence[Varying], travel: Interval, effort: float) -> Sti
 
 ROUNDED = 1.0 + 1e-9
 """Factor by which a force may be above the effort limit by rounding."""
+FINE = 40
+"""Number of steps into which a fine map cuts the largest slope."""
 HALVINGS, MOST_PLACES = 24, 3000
 """Largest number of halvings of an interval, and of places that are added by them."""
 
@@ -193,8 +207,9 @@ def places_between(elements: Sequence[Varying], grid: Sequence[float], effort: f
 
 FLAT = 1e-12
 """Share of the steepest slope of all places below which a slope counts as rounding."""
-MOST_ALIKE = 12
-"""Largest number of stiffnesses that are tried with the same damping: the smallest, the largest, and some between."""
+MOST_ALIKE, MOST_WITH_STATES = 12, 64
+"""Largest number of stiffnesses that are tried with the same damping: the smallest, the largest, and some between. The
+second number is for places beside virtual states."""
 
 
 LARGEST_EXPONENT = 700.0
@@ -242,7 +257,7 @@ class OwnLaw:
     stated: float
     """Stiffness that `linearised` states [N/m or N·m/rad]."""
     beyond: tuple[str, ...]
-    """Inputs of its force besides the position: names of signals, or "memory"."""
+    """Inputs of its force besides the position: names of signals, "memory", or "two axes"."""
     runs_off: bool
     """True if its force away from rest grows without bound on an axis without position limits."""
 
@@ -255,6 +270,12 @@ class OwnLaw:
         read = {"travel": list(self.travel), "steepest": self.steepest, "position": self.position}
         told = {"element": self.element, "places": self.places, **(read if self.places else dict.fromkeys(read))}
         return {**told, "stated": self.stated, "beyond": list(self.beyond), "runs_off": self.runs_off}
+
+
+def stated_law(coupling: CouplingElement) -> OwnLaw:
+    """Return the stability check of a coupling of another package: `linearised` alone."""
+    stated = -float(coupling.linearised().d[0, 0])
+    return OwnLaw(coupling.name, 0, EVERYWHERE, math.nan, math.nan, stated, ("two axes",), False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,6 +342,12 @@ class Places(StateSpace):
     """Linear elements with virtual states x_k → F_k, for a frequency sweep of the needed damping; None without any."""
     runs_off: bool = False
     """Whether the elements push the handle away without bound; the loop is then unstable."""
+
+    @cached_property
+    def felt(self) -> float:
+        """Largest stiffness that a single count meets, with that of the elements with states."""
+        with_states = (sum(max(-float(space.d[0, 0]), 0.0) for space in each.spaces) for each in self.together)
+        return max(float(self.stiffness.max()), 0.0) + max(with_states)
 
     @property
     def has_states(self) -> bool:
@@ -404,13 +431,14 @@ class Places(StateSpace):
             acting = rows[pairs[rows].any(axis=1)]
             rows = acting if len(acting) else rows[:1]
         dampings, counts = np.unique(pairs[rows, 0], return_counts=True)
-        if counts.max() <= MOST_ALIKE:
+        most = MOST_WITH_STATES if self.has_states else MOST_ALIKE
+        if counts.max() <= most:
             return np.asarray(rows)
         found: list[int] = []
         for damping in dampings:
             alike = rows[pairs[rows, 0] == damping]  # np.unique sorts them by their stiffness
-            if len(alike) > MOST_ALIKE:
-                alike = alike[np.linspace(0, len(alike) - 1, MOST_ALIKE).round().astype(int)]
+            if len(alike) > most:
+                alike = alike[np.linspace(0, len(alike) - 1, most).round().astype(int)]
             found += alike.tolist()
         return np.array(found, dtype=np.intp)
 

@@ -202,14 +202,13 @@ def judge(
 def verdict_at_places(loop: ClosedLoop, environment: Places, *, is_bridged: bool = True) -> Verdict:
     """Return the verdict of a single axis at the values that it has.
 
-    `is_bridged` says whether friction holds the handle between two counts of all elements together; the stiffness of
-    the places does not have that of elements with states.
+    `is_bridged` says whether friction holds the handle between two counts of the varied element alone.
     """
     (axis,) = loop.axes
     held = quantisation_limit(axis.plant)
     return verdict_of(
         loop.growth(environment) <= 1.0 + AT_LIMIT,
-        is_bridged and (held is None or float(environment.stiffness.max()) <= held),
+        is_bridged and (held is None or environment.felt <= held),
         loop.damping_share(environment) <= 1.0 + ROUNDING
         and environment.increments.rounding_is_bridged(axis.plant, loop.period),
     )

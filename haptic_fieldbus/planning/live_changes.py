@@ -69,7 +69,7 @@ class FadedDynamic(Faded):
 
     @property
     def dynamics(self) -> StateSpace:
-        return self.linearised()
+        return scaled(self.element.dynamics, self.share)
 
 
 @dataclass(frozen=True)

@@ -81,7 +81,9 @@ def hinge(depth: Interval, stiffness: float, damping: float, inwards: float, sat
     push = tuple(min(stiffness * max(each, 0.0), saturation) for each in depth)
     in_reach = stiffness * least <= saturation
     slope = (stiffness if least > 0.0 and stiffness * most < saturation else 0.0, stiffness if in_reach else 0.0)
-    return Local(outwards((push[0], push[1]), inwards), slope, damping)
+    # At rest beyond the saturation a small speed does not change the force.
+    acts = in_reach or least < most
+    return Local(outwards((push[0], push[1]), inwards), slope, damping if acts else 0.0)
 
 
 def either(one: Local, other: Local) -> Local:

@@ -63,10 +63,11 @@ class EndStop(Damped):
 
     def local(self, lower: float, upper: float) -> Local:
         """Return the bounds between two positions: nothing between the stops, a spring-damper in either of them."""
-        return either(
-            hinge(depths(lower, upper, self.lower, -1.0), self.stiffness, self.damping, -1.0),
-            hinge(depths(lower, upper, self.upper, 1.0), self.stiffness, self.damping, 1.0),
-        )
+        negative = hinge(depths(lower, upper, self.lower, -1.0), self.stiffness, self.damping, -1.0)
+        positive = hinge(depths(lower, upper, self.upper, 1.0), self.stiffness, self.damping, 1.0)
+        if lower > self.lower or upper < self.upper:
+            return positive if lower > self.lower else negative
+        return either(negative, positive)
 
     def places(self, lower: float, upper: float, effort: float) -> tuple[float, ...]:
         """Return both stops, and the places beyond them where they push with `effort`."""

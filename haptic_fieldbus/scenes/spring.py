@@ -12,7 +12,7 @@ backward difference. With damping and a dead band the force steps by B·v at the
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from haptic_fieldbus.numerics import condition
@@ -82,10 +82,14 @@ class Spring(Damped):
 
     def local(self, lower: float, upper: float) -> Local:
         """Return the bounds between two positions: nothing in the dead band, either side beyond it."""
-        return either(
-            self._hinge(lower, upper, -1.0, self.negative_coefficient, self.negative_saturation),
-            self._hinge(lower, upper, 1.0, self.positive_coefficient, self.positive_saturation),
-        )
+        negative = self._hinge(lower, upper, -1.0, self.negative_coefficient, self.negative_saturation)
+        positive = self._hinge(lower, upper, 1.0, self.positive_coefficient, self.positive_saturation)
+        if lower > self.position - self.dead_band or upper < self.position + self.dead_band:
+            return positive if lower > self.position - self.dead_band else negative
+        found = either(negative, positive)
+        # Without a dead band both sides begin at the same place.
+        least = min(negative.stiffness[1], positive.stiffness[1]) if lower == upper else found.stiffness[0]
+        return replace(found, stiffness=(least, found.stiffness[1]))
 
     def _hinge(self, lower: float, upper: float, side: float, share: float, saturation: float | None) -> Local:
         depth = depths(lower, upper, self.position + side * self.dead_band, side)

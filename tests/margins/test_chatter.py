@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from haptic_fieldbus.margins import Plant
+from haptic_fieldbus.margins import Plant, Verdict
+from haptic_fieldbus.margins.group import Group, Member
 from haptic_fieldbus.numerics.batch import Running, loops
+from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.study.cases.friction import chatter_speed, edge_chatter
 from tests.loops import LAG, PERIOD, wall
 from tests.margins.events import Bench
-from tests.margins.laws import Array, Condition, Law
+from tests.margins.laws import Array, Condition, Law, Zener
 
 STEP = 1e-5
 STARTS = (0.0, 0.03, -0.03, 0.1, -0.1, 0.3, -0.3, 1.0, -1.0)
@@ -89,3 +92,24 @@ def test_the_largest_found_is_no_smaller_than_the_estimate_and_may_be_larger(
     found, estimate = largest_chatter(plant, PERIOD, delay, 600.0), edge_chatter(plant, PERIOD, delay, wall(600.0))
     assert estimate is not None
     assert 0.8 * estimate.amplitude < found < 4.0 * estimate.amplitude
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.4, Verdict.STABLE), (0.6, Verdict.LIMIT_CYCLE)])
+def test_friction_must_hold_tissue_with_memory_and_a_wall_together(share: float, verdict: Verdict) -> None:
+    """Each is softer than 2·fc/D; once "stable", where the handle keeps hopping over the edge of a count."""
+    plant, step = Plant(0.5, 20.0, 0.05, 1e-4), 1e-4
+    stiffness = share * 2.0 * plant.coulomb / step
+    elements = StandardLinearSolid("a", stiffness, 0.1 * stiffness, 0.01), Wall("a", stiffness)
+    member = Member("a", plant, 0.0, elements, None, "backward-difference", effort=94.0)
+    assert Group((member,), (), PERIOD).stability.verdict is verdict
+
+    pushes = np.linspace(5.0, 5.5, 16)
+    rows, one = np.arange(len(pushes)), np.ones(len(pushes))
+    solid = Zener(rows, -10.0 * one, stiffness * one, ((0.1 * stiffness * one, 0.01 * one),), PERIOD)
+    spring = Condition(rows, -10.0 * one, stiffness * one, 0.0 * one, 0.0 * one, np.inf * one)
+    bench = Bench(
+        plant.mass * one, plant.damping * one, PERIOD, 0.0 * one, 0.0 * one, np.inf * one, plant.coulomb * one,
+        step * one, 0.0 * one, 0.0 * one, 20.0 * stiffness + pushes,
+    )  # fmt: skip
+    squares, _ = bench.speeds(Law(len(pushes), [solid, spring]), pushes / (2.0 * stiffness), 0.0 * one, 1500, 300)
+    assert (squares.max() > 0.0) == (verdict is Verdict.LIMIT_CYCLE)
