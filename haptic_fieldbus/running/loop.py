@@ -172,7 +172,7 @@ def loop_steps(
         cycle.trip = explained(cycle.trip, bus.causes)
         if cycle.failure is not None:
             cycle.trip = failed_in(cycle.trip, cycle.failure, plan.scene)
-        tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
+        tripped = trip_error(cycle.trip, plan, report.enabled_at_ns, released=report.released)
         tripped.__cause__ = cycle.failure or failure
         failure = tripped
     if failure is not None:

@@ -86,7 +86,7 @@ class _TestedDrive:
         if self.state in FAULTS or (self._enabled and not enabled):
             raise DriveFaultError(
                 f"axis {self.axis.name}: node {self.axis.node} changed to {self.state.value} by itself before the "
-                "watchdog test began. Torque is off"
+                "watchdog test began. No torque was commanded"
             )
         self._enabled = enabled
 
@@ -186,7 +186,7 @@ class _ProofExchange:
     def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
-        check_link(axis, found & flags, code, "during the watchdog test at zero torque. Torque is off")
+        check_link(axis, found & flags, code, "during the watchdog test. No torque was commanded")
 
 
 # Proofs of guards around a run: which are due, what a person is told before, and what is kept in the rig file.

@@ -224,6 +224,19 @@ def test_a_dead_interface_is_the_buses_error_with_a_warning_about_the_motor() ->
     assert any("Switch the power off" in note for note in caught.value.__notes__)
 
 
+def test_a_trip_that_no_drive_confirms_does_not_say_that_torque_is_off() -> None:
+    bench = _bench_in_contact()
+
+    def vanish() -> None:
+        bench.drive.silent = True
+
+    bench.can.later(FAULT_AT * PERIOD_NS, vanish)
+    with pytest.raises(BusTimeoutError, match="zero torque was commanded, not confirmed") as caught:
+        _run(bench)
+    assert "torque is off" not in str(caught.value)
+    assert any("Switch the power off" in note for note in caught.value.__notes__)
+
+
 def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
     bench = _bench_in_contact()
 
