@@ -157,7 +157,8 @@ def loop_steps(
             report.interrupted = True
         except BusError as error:
             # The same class, so that callers can tell errors apart, with the moment added to the message.
-            failure = type(error)(f"{error}, {moment(clock.now_ns(), report.enabled_at_ns)}")
+            when = "" if report.enabled_at_ns is None else f", {moment(clock.now_ns(), report.enabled_at_ns)}"
+            failure = type(error)(f"{error}{when}")
             failure.__cause__ = error
         except Exception as error:
             failure = error  # raised at the end, when torque is off

@@ -238,6 +238,14 @@ def test_a_trip_that_no_drive_confirms_does_not_say_that_torque_is_off() -> None
     assert any("Switch the power off" in note for note in caught.value.__notes__)
 
 
+def test_a_drive_that_is_never_enabled_is_told_with_what_to_check() -> None:
+    """`before enabling` stood at the end of the advice."""
+    bench = Bench().open()
+    bench.drive.power_stays = 0x21
+    with pytest.raises(BusTimeoutError, match=r"ready to switch on.* no brake or enable input blocks the drive$"):
+        _run(bench)
+
+
 def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
     bench = _bench_in_contact()
 
