@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from threading import current_thread, get_ident
+from threading import current_thread, get_native_id
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
@@ -206,7 +206,8 @@ class LiveSession:
         self._caller = Caller(LiveSession.__exit__.__code__)
         self._run: Session | None = None
         self._thread = 0
-        """The thread that entered the block: the signals and the rights of the run are its own."""
+        """System number of the thread that entered the block, which no fork has: signals and rights of the run are its
+        own."""
         self._steps: Steps[Result] | None = None
         self._judged: list[Future[Change]] = []
         self._judging: ThreadPoolExecutor | None = None
@@ -223,7 +224,7 @@ class LiveSession:
         """
         if self._run is not None:
             raise UsageError("this session has been used; make a new one")
-        self._thread = get_ident()
+        self._thread = get_native_id()
         try:
             self._run, place = prepare_run(self._task, self._trial, share=self._share)
         except UnstableSceneError as error:
@@ -264,7 +265,7 @@ class LiveSession:
 
     def _advance(self) -> bool:
         """Go on to the next pause; return whether there was one. The run is over otherwise, and when it raises."""
-        if get_ident() != self._thread:
+        if get_native_id() != self._thread:  # nor by a process that was forked from it
             raise UsageError("a session is stepped by the thread that entered its block")
         try:
             next(self._steps)  # type: ignore[arg-type]

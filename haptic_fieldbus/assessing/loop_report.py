@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from haptic_fieldbus.protocols.traffic import Json
+from haptic_fieldbus.signals import LinkFlag
 
 if TYPE_CHECKING:
     from haptic_fieldbus.planning.live_changes import Change, RampingChange
@@ -105,6 +106,8 @@ class LoopReport:
     """True when Ctrl-C, SIGTERM or SIGHUP ended the run."""
     released: bool = False
     """True when every drive confirmed at the end that its motor is off."""
+    late_faults: Mapping[str, tuple[LinkFlag, int]] = field(default_factory=dict)
+    """By axis, the fault that its drive told after the last period of a run without a trip, with its code."""
     foreign_load: Mapping[str, float] = field(default_factory=dict)
     """By axis, the share of its bus that frames of other devices took."""
     changes: "list[RampingChange]" = field(default_factory=list)

@@ -457,6 +457,9 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
     yield from dict.fromkeys(text for each in (plan, *applied) for text in above_limit(each, caveat=False))
     for axis in plan.axes:
         yield from (f"axis {axis.name}: {text}" for text in _axis_notices(axis, cycle.axes[axis.name], report, plan))
+        if axis.name in report.late_faults:
+            fault = axis.traffic.fault_text(*report.late_faults[axis.name], axis.bus_name)
+            yield f"axis {axis.name}: after the last period, {fault}"
     if unmade := report.unmade:
         settings = ", ".join(dict.fromkeys(setting for change in unmade for setting in change.settings))
         was = f"the change of {settings} was" if len(unmade) == 1 else f"{len(unmade)} changes, of {settings}, were"

@@ -82,6 +82,7 @@ class WritingProcess:
             [sys.executable, "-c", program, *arguments],
             bufsize=0,
             stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,  # who reads the output of the run is not to wait for a disk
             stderr=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,  # Ctrl-C at the terminal ends the run, not the file

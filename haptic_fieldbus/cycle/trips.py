@@ -109,8 +109,13 @@ class Remedying(Protocol):
         """Return the advice on a trip of this kind, as sentences; empty where the usual one is right."""
 
 
-def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.HapticFieldbusError:
-    """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled."""
+def trip_error(
+    trip: Trip, plan: Plan, enabled_at_ns: int | None, *, released: bool = True
+) -> errors.HapticFieldbusError:
+    """Return the exception for a trip: time, cause, advice; `enabled_at_ns` is None before operation enabled.
+
+    `released` tells that all drives have confirmed that their motors are off.
+    """
     axis = next(axis for axis in plan.axes if axis.name == trip.axis)
     cause, advice = CAUSES[trip.kind](trip, axis)
     if trip.kind is TripKind.POSITION and not plan.rig.source:
@@ -123,7 +128,8 @@ def trip_error(trip: Trip, plan: Plan, enabled_at_ns: int | None) -> errors.Hapt
         cause = f"axis {trip.axis}: {cause}"
     if trip.kind is TripKind.START_FORCE:
         return errors.PlanError(f"{cause}; no torque was applied. {advice}")
-    tripped = f"Tripped {moment(trip.t_ns, enabled_at_ns)}: {cause}; torque is off. {advice}"
+    torque = "torque is off" if released else "zero torque was commanded, not confirmed"
+    tripped = f"Tripped {moment(trip.t_ns, enabled_at_ns)}: {cause}; {torque}. {advice}"
     return TRIP_ERRORS[trip.kind](tripped)
 
 

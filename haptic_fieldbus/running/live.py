@@ -292,7 +292,9 @@ class Live:
             trip = cycle.trip
             if trip is not None and not told:
                 told.append(trip)
-                self._tasks.put(lambda: self._tell({"trip": str(trip_error(trip, plan, report.enabled_at_ns))}))
+                # The drives have not been asked yet; `end` brings the words of the whole run.
+                error = trip_error(trip, plan, report.enabled_at_ns, released=False)
+                self._tasks.put(lambda: self._tell({"trip": str(error)}))
             began_ns, (_, _, compute_ns, late_ns) = report.enabled_at_ns, report.samples.last
             return (
                 math.nan if began_ns is None else (cycle.t_ns - began_ns) * 1e-9,

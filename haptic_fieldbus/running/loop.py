@@ -142,39 +142,41 @@ def loop_steps(
         report.changes = changes.applied
         changes.open(cycle)
     failure: Exception | None = None
-    try:
-        # Only changes are computed by another thread, so only a run with changes must make threads give way.
-        # The garbage of a caller in virtual time may grow, and nothing waits there.
-        collecting = caller is not None and plan.simulated
-        with (
-            nullcontext() if collecting else no_garbage_collection(),
-            threads_give_way() if changes is not None else nullcontext(),
-        ):
-            yield from _run(
-                plan, cycle, bus, clock, cycles, record, progress or (lambda done: None), report, changes,
-                ending or EndSignals(), caller,
-            )  # fmt: skip
-    except KeyboardInterrupt:
-        report.interrupted = True
-    except BusError as error:
-        # The same class, so that callers can tell errors apart, with the moment added to the message.
-        failure = type(error)(f"{error}, {moment(clock.now_ns(), report.enabled_at_ns)}")
-        failure.__cause__ = error
-    except Exception as error:
-        failure = error  # raised at the end, when torque is off
-    finally:
-        report.foreign_load = bus.foreign_load
-        report.released = bus.stop()
-        if changes is not None:
-            report.unmade = changes.close(report.duration)
+    # The garbage of a caller in virtual time may grow, and nothing waits there. Elsewhere none is collected until
+    # torque is off: to look through all that a caller has kept takes longer than a watchdog waits.
+    collecting = caller is not None and plan.simulated
+    with nullcontext() if collecting else no_garbage_collection():
+        try:
+            # Only changes are computed by another thread, so only a run with changes must make threads give way.
+            with threads_give_way() if changes is not None else nullcontext():
+                yield from _run(
+                    plan, cycle, bus, clock, cycles, record, progress or (lambda done: None), report, changes,
+                    ending or EndSignals(), caller,
+                )  # fmt: skip
+        except KeyboardInterrupt:
+            report.interrupted = True
+        except BusError as error:
+            # The same class, so that callers can tell errors apart, with the moment added to the message.
+            when = "" if report.enabled_at_ns is None else f", {moment(clock.now_ns(), report.enabled_at_ns)}"
+            failure = type(error)(f"{error}{when}")
+            failure.__cause__ = error
+        except Exception as error:
+            failure = error  # raised at the end, when torque is off
+        finally:
+            report.foreign_load = bus.foreign_load
+            report.released = bus.stop()
+            if changes is not None:
+                report.unmade = changes.close(report.duration)
     if cycle.trip is not None:
         # After `bus.stop`, which may have received the emergency or boot-up message of a node that had fallen silent.
         cycle.trip = explained(cycle.trip, bus.causes)
         if cycle.failure is not None:
             cycle.trip = failed_in(cycle.trip, cycle.failure, plan.scene)
-        tripped = trip_error(cycle.trip, plan, report.enabled_at_ns)
+        tripped = trip_error(cycle.trip, plan, report.enabled_at_ns, released=report.released)
         tripped.__cause__ = cycle.failure or failure
         failure = tripped
+    elif failure is None:
+        report.late_faults = bus.causes
     if failure is not None:
         for note in [] if caller is None else caller.slow_on(plan):
             failure.add_note(note)

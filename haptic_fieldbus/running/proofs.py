@@ -86,7 +86,7 @@ class _TestedDrive:
         if self.state in FAULTS or (self._enabled and not enabled):
             raise DriveFaultError(
                 f"axis {self.axis.name}: node {self.axis.node} changed to {self.state.value} by itself before the "
-                "watchdog test began. Torque is off"
+                "watchdog test began. No torque was commanded"
             )
         self._enabled = enabled
 
@@ -186,7 +186,7 @@ class _ProofExchange:
     def _check(self, axis: AxisPlan, feedback: Sequence[int], flags: int) -> None:
         """Raise the error of the first link fault among these flags."""
         _, found, code = feedback
-        check_link(axis, found & flags, code, "during the watchdog test at zero torque. Torque is off")
+        check_link(axis, found & flags, code, "during the watchdog test. No torque was commanded")
 
 
 # Proofs of guards around a run: which are due, what a person is told before, and what is kept in the rig file.
@@ -347,20 +347,22 @@ def _show(axis: AxisPlan, plan: Plan, exchange: "_WayExchange", instruct: Instru
     unit = axis.workspace.length_unit
     enough = max(ENOUGH[axis.workspace], FEWEST_COUNTS * axis.resolution)
     every = max(1, round(SHOWN_EVERY * plan.rate))
-    for number, way in enumerate(exchange.ways(axis)):
-        if number % every == 0:
-            instruct(
-                f"axis {axis.name} is off: move the handle {rounded(1e3 * enough)} m{unit} to the positive "
-                f"side; it is at {round(1e3 * way)} m{unit}"
+    try:
+        for number, way in enumerate(exchange.ways(axis)):
+            if number % every == 0:
+                instruct(
+                    f"axis {axis.name} is off: move the handle {rounded(1e3 * enough)} m{unit} to the positive "
+                    f"side; it is at {round(1e3 * way)} m{unit}"
+                )
+            if abs(way) >= enough:
+                break
+        else:
+            raise UsageError(
+                f"not enabled: the handle of axis {axis.name} did not move within {PERSON_TIMEOUT:g} s. Move it to the "
+                "positive side when asked, or start with --yes, which leaves the direction unconfirmed"
             )
-        if abs(way) >= enough:
-            instruct("\n")
-            break
-    else:
-        raise UsageError(
-            f"not enabled: the handle of axis {axis.name} did not move within {PERSON_TIMEOUT:g} s. Move it to the "
-            "positive side when asked, or start with --yes, which leaves the direction unconfirmed"
-        )
+    finally:
+        instruct("\n")  # what is printed next begins a line
     if way < 0.0:
         message = (
             f"the handle moved to the positive side, but its position fell by {in_unit(-way, unit)}. If this side is "
@@ -410,8 +412,21 @@ class _WayExchange:
             raise KeyboardInterrupt
         # A computer that was late goes on from now, because nothing here depends on the time of a period.
         self._deadline_ns = max(self._deadline_ns, self._clock.now_ns()) + self._plan.period_ns
-        feedback = image.input.unpack_from(self._bus.read(self._deadline_ns))
+        octets = self._bus.read(self._deadline_ns)
         self._bus.write(self._output)
+        feedback = image.input.unpack_from(octets)
         flags = feedback[FLAGS]
         check_link(axis, flags, feedback[EMERGENCY], "before enabling. No torque was applied")
+        for each, its in zip(self._plan.axes, self._plan.image.axes, strict=True):
+            _check_off(each, its.input.unpack_from(octets))
         return None if flags & LinkFlag.STALE else feedback[place]
+
+
+def _check_off(axis: AxisPlan, feedback: Sequence[int]) -> None:
+    """Raise DriveFaultError for a drive that may feed its motor, although a person was told that it is off."""
+    state = axis.power.state(feedback[STATUSWORD])
+    if state in ENERGISED and not feedback[FLAGS] & LinkFlag.STALE:
+        raise DriveFaultError(
+            f"axis {axis.name}: node {axis.node} changed to {state.value} by itself before enabling. No torque was "
+            "commanded. Another program, or an input of the drive, may enable it"
+        )

@@ -488,6 +488,25 @@ def test_a_signal_between_two_instructions_of_the_end_of_the_block_ends_it_torqu
 
 
 @pytest.mark.usefixtures("usual_handler")
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs os.fork")
+@pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+def test_a_forked_process_steps_no_session() -> None:
+    """Both would command one drive, and the bus takes the frames of either for its own."""
+    with session("wall", duration=0.01) as live:
+        next(live)
+        child = os.fork()
+        if not child:
+            try:
+                next(live)
+            except UsageError:
+                os._exit(0)
+            finally:
+                os._exit(1)
+        _, status = os.waitpid(child, 0)
+        assert next(live).time > 0.0
+    assert status == 0
+
+
 def test_another_thread_steps_no_session_and_ends_one_torque_free(tmp_path: Path) -> None:
     refused: list[UsageError] = []
 

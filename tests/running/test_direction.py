@@ -9,15 +9,17 @@ import pytest
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.rig import Seen
-from haptic_fieldbus.errors import RigError, UsageError
+from haptic_fieldbus.errors import DriveFaultError, RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.ending import EndSignals
+from haptic_fieldbus.running.loop import UNCONFIRMED
 from haptic_fieldbus.running.proofs import confirm_direction
 from haptic_fieldbus.sim.canopen.bus import SimulatedBus
 from haptic_fieldbus.sim.canopen.world import World
 from haptic_fieldbus.sim.drive_on_bus import DriveOnBus
 from tests.builders import PROFILE, VELOCITY_ONLY, WALL, can_traffic, plan_of, rig_of
+from tests.buses.canopen.benches import Bench
 
 RIG = """# my bench
 [bus.can]
@@ -106,6 +108,22 @@ def test_a_handle_that_nobody_moves_is_not_enabled(tmp_path: Path) -> None:
     path.write_text(RIG, encoding="utf-8")
     with pytest.raises(UsageError, match="the handle of axis handle did not move within 60 s"):
         shown(planned(str(path), rate=50.0), 0.0)
+
+
+def test_a_drive_that_enables_itself_meanwhile_ends_the_waiting(tmp_path: Path) -> None:
+    """The person at the handle was told that it is off, and its motion may be that of the motor."""
+    bench, read = Bench(planned(str(tmp_path / "rig.toml"))), list[str]()
+    bench.bus.inspect(bench.plan, bytearray(bench.plan.image.input_size))
+
+    def instruct(text: str) -> None:
+        read.append(text)
+        bench.drive.power_stays = 0x27
+
+    with pytest.raises(DriveFaultError, match="node 1 changed to operation enabled by itself") as ended:
+        confirm_direction(bench.plan, bench.bus, bench.clock, instruct, EndSignals())
+    assert len(read) == 2
+    assert read[-1] == "\n", "the error begins a line"
+    assert ended.value.__notes__ == [UNCONFIRMED]
 
 
 def test_a_signal_ends_the_waiting(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import can
 import pytest
 
 from haptic_fieldbus.assessing.loop_report import LoopReport, Record
+from haptic_fieldbus.assessing.summary import notices
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError, HapticFieldbusError, SafetyTripError
@@ -224,6 +225,27 @@ def test_a_dead_interface_is_the_buses_error_with_a_warning_about_the_motor() ->
     assert any("Switch the power off" in note for note in caught.value.__notes__)
 
 
+def test_a_trip_that_no_drive_confirms_does_not_say_that_torque_is_off() -> None:
+    bench = _bench_in_contact()
+
+    def vanish() -> None:
+        bench.drive.silent = True
+
+    bench.can.later(FAULT_AT * PERIOD_NS, vanish)
+    with pytest.raises(BusTimeoutError, match="zero torque was commanded, not confirmed") as caught:
+        _run(bench)
+    assert "torque is off" not in str(caught.value)
+    assert any("Switch the power off" in note for note in caught.value.__notes__)
+
+
+def test_a_drive_that_is_never_enabled_is_told_with_what_to_check() -> None:
+    """`before enabling` stood at the end of the advice."""
+    bench = Bench().open()
+    bench.drive.power_stays = 0x21
+    with pytest.raises(BusTimeoutError, match=r"ready to switch on.* no brake or enable input blocks the drive$"):
+        _run(bench)
+
+
 def test_ctrl_c_stops_torque_free_and_is_no_error() -> None:
     bench = _bench_in_contact()
 
@@ -317,6 +339,35 @@ def test_a_run_whose_end_a_drive_did_not_confirm_is_no_success(interrupted: bool
     with pytest.raises(BusError, match=r"did not confirm.*Switch the power off.*node 1 \(axis handle\)"):
         run_loop(bench.plan, Cycle(bench.plan), bench.bus, bench.clock, cycles=150, report=report, progress=stay)
     assert (report.released, report.interrupted) == (False, interrupted)
+
+
+def test_no_garbage_is_collected_until_torque_is_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All that a caller kept was looked through while its last torque was held, for longer than a watchdog waits."""
+    bench, collecting = Bench().open(), list[bool]()
+    stop = bench.bus.stop
+
+    def watched_stop() -> bool:
+        collecting.append(gc.isenabled())
+        return stop()
+
+    monkeypatch.setattr(bench.bus, "stop", watched_stop)
+    _run(bench, cycles=20)
+    assert (collecting, gc.isenabled()) == ([False], True)
+
+
+def test_a_fault_that_a_drive_tells_after_the_last_period_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, report = Bench().open(), LoopReport()
+    release = bench.bus.release
+
+    def late_release() -> None:
+        bench.drive.emergency(0x3210)
+        release()
+
+    monkeypatch.setattr(bench.bus, "release", late_release)
+    cycle = Cycle(bench.plan)
+    run_loop(bench.plan, cycle, bench.bus, bench.clock, cycles=20, report=report)
+    (told,) = [each for each in notices(bench.plan, cycle, report) if "3210h" in each]
+    assert told == "axis handle: after the last period, node 1 sent emergency 3210h (DC link over-voltage)"
 
 
 def test_a_caller_that_took_longer_than_a_period_is_told_with_both_times() -> None:

@@ -135,6 +135,23 @@ def test_a_writing_process_that_hangs_makes_nobody_wait(tmp_path: Path, monkeypa
     rows.close()
 
 
+def test_a_writing_process_keeps_no_reader_of_the_output_waiting(tmp_path: Path) -> None:
+    """It may outlive the run, and a pipe ends when its last writer has gone."""
+    there = os.dup(1)
+    reading, writing = os.pipe()
+    try:
+        os.dup2(writing, 1)
+        rows = Rows(filled(1), tmp_path / "run.csv", simulated=False)
+    finally:
+        os.dup2(there, 1)
+        os.close(there)
+        os.close(writing)
+    os.set_blocking(reading, False)
+    assert os.read(reading, 1) == b"", "the end of the output"
+    os.close(reading)
+    rows.close()
+
+
 def test_other_files_take_no_rows(tmp_path: Path) -> None:
     rows = Rows(filled(3), tmp_path / "run.log", simulated=True)
     rows.flush()

@@ -110,7 +110,7 @@ class ForeignMaster:
             self.cob_id = can_id
         elif weight is Severity.QUESTION and can_id not in self._told:
             self._told.add(can_id)
-            asks = f"another program sends SDO requests to our drives: {frame_words(can_id)}"
+            asks = f"another program sends requests to our drives: {frame_words(can_id)}"
             self._warn(f"{asks}. Torque was not affected")
 
 

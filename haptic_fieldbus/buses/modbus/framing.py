@@ -45,7 +45,7 @@ class DroppedOctets(Enum):
 
     GARBAGE = "were no frames, or had a wrong checksum"
     UNIT = "were from another unit"
-    EARLIER = "answered an earlier request"
+    EARLIER = "answered an earlier request, or none"
     SIZE = "did not match the request"
 
 

@@ -121,6 +121,7 @@ window.haptic = (() => {
   function finish(told) { // the last rows of a trip come after its words, so the charts are held at the end of the run
     ended = told; alive(); $("stop").disabled = true;
     window.socket?.io.reconnection(false); // that of NiceGUI: nobody is there any more
+    if (!$("trip").hidden && told.text) trip(told.text); // it says whether the drives have confirmed that they are off
     if (!$("trip").hidden && !held) { hold(); held = rows; }
   }
   function pace(told) { paused = told.paused; speed = told.speed; lastRow = performance.now(); document.body.classList.toggle("paused", Boolean(paused)); }

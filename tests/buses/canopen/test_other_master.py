@@ -80,7 +80,7 @@ def test_a_question_of_somebody_else_is_told_once(name: str) -> None:
     for _ in range(3):
         bench.can.reply(can_id, data, delay_ns=0)
         assert _header(bench) == (LinkFlag(0), 0)
-    assert bench.bus.warnings == [f"another program sends SDO requests to our drives: {words}. Torque was not affected"]
+    assert bench.bus.warnings == [f"another program sends requests to our drives: {words}. Torque was not affected"]
 
 
 @pytest.mark.parametrize("name", HARMLESS)
@@ -99,8 +99,7 @@ def test_node_guarding_by_somebody_else_is_told_and_other_remote_and_error_frame
     bench.can.later(0, can.Message(arbitration_id=0x080, is_extended_id=False, is_error_frame=True, data=bytes(8)))
     assert _header(bench) == (LinkFlag(0), 0)
     assert bench.bus.warnings == [
-        "another program sends SDO requests to our drives: node guarding request to node 1 (701h). "
-        "Torque was not affected"
+        "another program sends requests to our drives: node guarding request to node 1 (701h). Torque was not affected"
     ]
 
 
