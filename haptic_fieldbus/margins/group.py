@@ -39,7 +39,7 @@ from haptic_fieldbus.signals import Signal
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
 
-LOWER, MANY_LOWER = (1.0, 0.6, 0.2), tuple(0.7**number for number in range(11))
+LOWER, MANY_LOWER = (1.0, 0.6, 0.2), tuple(0.6**number for number in range(7))
 """Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far; the
 second ones beside virtual masses."""
 
