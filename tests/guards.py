@@ -530,6 +530,12 @@ GUARDS = {
             f"{RUNNING}::test_torque_is_off_on_the_wire_before_the_exception",
         ),
     ),
+    "a drive that nobody has commanded": Guard(
+        "haptic_fieldbus/running/loop.py",
+        "raise enabled_by_itself(at.axis)",
+        "asked.add(name)",
+        (f"{RUNNING}::test_a_drive_that_enables_itself_before_it_is_commanded_gets_no_torque",),
+    ),
     "an end that no drive confirmed": Guard(
         "haptic_fieldbus/running/loop.py",
         "    if not report.released:\n        raise BusError",
@@ -816,7 +822,7 @@ GUARDS = {
     ),
     "Modbus: a command that is not ours": _line(
         "exchange",
-        "if command in enabling:",
+        "if command in power.enabling:",
         "if False:",
         "test_setup",
         "test_a_drive_that_must_not_be_touched_is_refused_in_a_sentence_and_nothing_is_written",

@@ -365,6 +365,12 @@ class PowerTable(Table):
         """Bits of a statusword that any row depends on."""
         return reduce(or_, (row.mask for row in self.rows))
 
+    @cached_property
+    def enabling(self) -> frozenset[int]:
+        """Controlwords that command *operation enabled*."""
+        states = PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED
+        return frozenset(map(self.answer, states)) - {self.off}
+
     def state(self, statusword: int) -> PowerState:
         """Return the state of a statusword, by the first row that fits; UNKNOWN when none does."""
         return next((row.state for row in self.rows if statusword & row.mask == row.bits), PowerState.UNKNOWN)

@@ -20,7 +20,7 @@ from haptic_fieldbus.cycle.cycle import Cycle
 from haptic_fieldbus.cycle.safety import LINK_TRIPS
 from haptic_fieldbus.cycle.trips import TRIP_ERRORS, explained, failed_in, moment, trip_error
 from haptic_fieldbus.drive.profile import PowerState
-from haptic_fieldbus.errors import BusError, BusTimeoutError
+from haptic_fieldbus.errors import BusError, BusTimeoutError, DriveFaultError
 from haptic_fieldbus.numerals import exactly, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.plan import Plan
@@ -197,7 +197,7 @@ def _run(
     feedback_ns = feedback_time_ns(plan)
     enabling_periods = round(enabling_time(plan) * plan.rate)
     progress_every = max(1, round(PROGRESS_EVERY * plan.rate))
-    step = cycle.step
+    step, asked = cycle.step, set[str]()
     deadline_ns = clock.now_ns()  # t0: the first period begins at once
     before_ns = deadline_ns - period_ns
     while report.cycles < cycles:
@@ -217,6 +217,8 @@ def _run(
         output = step(image)
         computed_ns = time.perf_counter_ns() - started_ns
         clock.compute(compute_ns)
+        if report.enabled_at_ns is None:
+            _check_asked(cycle, asked)
         bus.write(output)
         # After the write, so that recording delays no set-point, and before the return, so that it holds the trip.
         if record is not None:
@@ -255,6 +257,15 @@ def _run(
         deadline_ns += period_ns
 
 
+def _check_asked(cycle: Cycle, asked: set[str]) -> None:
+    """Note the axes that are commanded to *operation enabled*; raises DriveFaultError for one that got there before."""
+    for name, at in cycle.axes.items():
+        if at.state.power is PowerState.OPERATION_ENABLED and name not in asked:
+            raise enabled_by_itself(at.axis)
+        if at.state.controlword in at.axis.power.enabling:
+            asked.add(name)
+
+
 def feedback_time_ns(plan: Plan) -> int:
     """Return how long to wait for feedback [ns]: the period less computing and sending, but at least half a period."""
     sending_ns = max(bus.traffic.sending_ns for bus in plan.buses)
@@ -274,6 +285,14 @@ def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError
     return BusTimeoutError(
         f"operation enabled was not reached within {exactly(enabling_time(plan))} s: {listed}. Check safe torque off "
         "(STO), the motor supply, and that no brake or enable input blocks the drive"
+    )
+
+
+def enabled_by_itself(axis: AxisPlan) -> DriveFaultError:
+    """Return the error for a drive in *operation enabled*, to which it was not commanded."""
+    return DriveFaultError(
+        f"axis {axis.name}: node {axis.node} changed to {PowerState.OPERATION_ENABLED.value} by itself. No torque was "
+        "commanded. Another program, or an input of the drive, may enable it"
     )
 
 

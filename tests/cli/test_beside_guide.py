@@ -23,7 +23,7 @@ SIMULATE, PLAN, RUN, MODBUS = re.findall(r"^```console\nhaptic-fieldbus (.*?)\n`
 READY, SHOWN = re.findall(r"^```text\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (RIG,) = re.findall(r"^```toml\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 TOO_SLOW = re.compile(
-    r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; torque is off|uses the processor|"
+    r"^(tripped|failed)  .*((s after|Tripped before) enabling: .*; (torque is off|zero torque)|uses the processor|"
     r"missed the master's heartbeat\), before enabling. No torque was applied|: no answer$)",
     re.M,
 )

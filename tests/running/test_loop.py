@@ -238,6 +238,15 @@ def test_a_trip_that_no_drive_confirms_does_not_say_that_torque_is_off() -> None
     assert any("Switch the power off" in note for note in caught.value.__notes__)
 
 
+def test_a_drive_that_enables_itself_before_it_is_commanded_gets_no_torque() -> None:
+    """As one that comes back by itself after its fault was cleared, or that an input enables."""
+    bench = _bench_in_contact()
+    bench.drive.power_stays = 0x27
+    with pytest.raises(DriveFaultError, match="node 1 changed to operation enabled by itself"):
+        _run(bench)
+    assert not [data for data in bench.can.of(RPDO) if data[0] == 0x0F or any(data[2:])]
+
+
 def test_a_drive_that_is_never_enabled_is_told_with_what_to_check() -> None:
     """`before enabling` stood at the end of the advice."""
     bench = Bench().open()

@@ -122,6 +122,6 @@ def test_noise_on_a_pty_leaves_a_run_torque_free_with_a_reason(kind: str, share:
     if process.returncode == 0:
         assert "no trip" in out
     elif hit:
-        assert re.search(r"torque is off|trip", told), told
+        assert re.search(r"torque is off|not confirmed|trip", told), told
     else:
         pytest.skip(f"the run did not come to its first force on this machine: {told[-300:]}")

@@ -14,7 +14,7 @@ from haptic_fieldbus.buses.modbus.framing import REFUSED, Answer, FrameForm, Que
 from haptic_fieldbus.buses.modbus.link import Reading, TargetReading, UnitLink
 from haptic_fieldbus.buses.modbus.requester import Requester
 from haptic_fieldbus.buses.modbus.unit import UnitClient
-from haptic_fieldbus.drive.profile import ENERGISED, PowerState, PowerTable
+from haptic_fieldbus.drive.profile import ENERGISED, PowerTable
 from haptic_fieldbus.errors import ForeignMasterError
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.image import HEADER
@@ -60,8 +60,7 @@ def refuse_unrest(unit: UnitClient, profile: ModbusProfile, power: PowerTable) -
     if target:
         raise _commanded(unit, f"{profile.torque.target} (target torque) is {target}")
     command = unit.optional(profile.power.command) or power.off
-    enabling = {power.answer(PowerState.SWITCHED_ON), power.answer(PowerState.OPERATION_ENABLED)} - {power.off}
-    if command in enabling:
+    if command in power.enabling:
         raise _commanded(unit, f"{profile.power.command} (command) is {command:04X}h, which enables it")
     state = power.state(unit.read(profile.power.status))
     if state in ENERGISED:
