@@ -255,6 +255,9 @@ class NodeSetup:
         rated = None if profile.torque.rated is None else profile.torque.rated.entry
         rating, lost = checked_rated_torque(self.node, profile.title, self.axis, rated), self._link_loss_words()
         changes = (*self.torque_limits.sentences, *commissioned(self.node, profile, self.axis))
+        if state in ENERGISED:
+            left = "A master that died may have left it so, or another one commands it"
+            changes = (f"It was found in {state.value}, and is switched off first. {left}", *changes)
         return DriveFacts(self.axis.name, self.node.id, profile.title, identity, rating, lost, changes)
 
     def configure(self) -> None:

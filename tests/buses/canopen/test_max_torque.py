@@ -30,6 +30,17 @@ def notes(tmp_path: Path) -> list[Path]:
     return sorted((tmp_path / "state").rglob("*.json"))
 
 
+def test_a_drive_that_is_found_enabled_is_told_and_switched_off() -> None:
+    bench = bench_of(HALF)
+    bench.drive.objects[0x6041, 0] = (0x0637).to_bytes(2, "little")
+    told = bench.open().bus.facts["handle"].changes
+    assert told == (
+        "It was found in operation enabled, and is switched off first. A master that died may have left it so, or "
+        "another one commands it",
+    )
+    assert bench.drive.value(0x6041) & 0x6F != 0x27
+
+
 def test_nothing_is_stored_in_the_drive() -> None:
     """1010h writes the parameters of a drive to its flash (CiA 301, 7.5.2.13)."""
     bench = bench_of(3000).open()
