@@ -164,7 +164,7 @@ class BusRelease(ABC, Generic[P]):
             if not drive.free:
                 self._warn(f"{drive.label} did not confirm that its motor is off")
             elif drive.kept:
-                self._warn(f"{drive.label} keeps {', '.join(drive.kept)} as the run wrote it{self.hint}")
+                self._warn(f"{drive.label} keeps {', '.join(drive.kept)}, which could not be put back{self.hint}")
             else:
                 drive.setup.torque_limits.restored()
         return all(drive.free for drive in self._drives)

@@ -196,8 +196,8 @@ class TestRequests:
         bench.drive.forgets.add((0x100D, 0))
         assert bench.bus.stop() is True
         assert bench.bus.warnings == [
-            "node 1 (axis handle) keeps 100Dh:00 life time factor as the run wrote it; with its watchdog armed "
-            "it may report an error"
+            "node 1 (axis handle) keeps 100Dh:00 life time factor, which could not be put back; with its watchdog "
+            "armed it may report an error"
         ]
 
     def test_a_drive_that_stays_enabled_keeps_its_guard(self) -> None:

@@ -255,7 +255,7 @@ def test_a_drive_that_refuses_to_be_put_back_is_told(opened: ExitStack) -> None:
     bench, _ = pushing(opened, "tcp", drive=Keeps())
     assert bench.bus.stop() is True
     (told,) = bench.bus.warnings
-    assert "keeps register 0204h (exception 2) as the run wrote it" in told
+    assert "keeps register 0204h (exception 2), which could not be put back" in told
 
 
 def test_a_reset_connection_is_opened_again_for_zero_torque_alone(opened: ExitStack) -> None:
