@@ -30,7 +30,8 @@ cutting the force does not change the motion of a virtual mass, which later give
 acted. Their work is Σ ½·(F_k + F_{k+1})·Δx, one sample late. A held force has no leak in this sum.
 
 A live change fades from one set of elements to another, and so does the stored energy. Its growth at the present
-position, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. The largest energy of pulses that test
+position, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked, also in gaps, in which the ramp pauses
+with the law. The largest energy of pulses that test
 an encoder (`cycle.standstill`), their size times the motion, is granted and booked too.
 
 Reduced force. While the limit fades in, after a stall, and while the motor direction is tested, the force sent is
@@ -185,6 +186,8 @@ class Ledger:
         self.tally = EnergyRecord(self.axes[0].limits.energy, self.axes[0].limits.forgiven)
         self._trip = trip
         self._ramp, self._done = 0, 0
+        self._grown = 0.0
+        """Energy by which changes have raised the stored energy so far [J]."""
         self._origin, self._clipped = 0.0, 0
         self._opened: Sequence[float] = ()
         """Places at which the account was opened. `_origin` is the stored energy left as credit, `_clipped` the periods
@@ -211,16 +214,18 @@ class Ledger:
     def stored(self, positions: Sequence[float], weights: Sequence[float] | None = None) -> float:
         """Return the stored energy at these positions of the axes [J]; during a change the mix of both sets.
 
-        Elements that do not depend on the place, such as a weight, use the positions `weights` if these are given.
+        The growth by changes is left out, because no motion gave it: so a change is a step for no account. Elements
+        that do not depend on the place, such as a weight, use the positions `weights` if these are given.
         """
         places = [here - port.permission.shift for here, port in zip(positions, self.ports, strict=True)]
         if self.memory.silence:  # then everything is counted along the path of the law
             positions = places
         positions = positions if weights is None else weights
+        new = self._after(positions, places) - self._grown
         if not self._ramp:
-            return self._after(positions, places)
-        old, share = self._before(positions, places), min(1.0, self._done / self._ramp)
-        return old + (self._after(positions, places) - old) * share
+            return new
+        old, share = self._before(positions, places) - self._grown, min(1.0, self._done / self._ramp)
+        return old + (new - old) * share
 
     @property
     def here(self) -> list[float]:
@@ -240,16 +245,22 @@ class Ledger:
         self.reopen()
 
     def tick(self, positions: Sequence[float]) -> None:
-        """Advance a change by one period: grant and book the change of the stored energy at these positions."""
+        """Advance a change as far as its ramp: grant and book the change of the stored energy at these positions."""
         stored = self.stored(positions)
-        self._done += 1
+        self._done += self._called()
         change = self.stored(positions) - stored
-        self._origin += change
-        self.law.origin += change
+        self._grown += change
         self.tally.book(CHANGE, change)
         if self._done > self._ramp:  # the loop begins its own ramp in the period after
             self._ramp = 0
             self.terms, self.memory = self._next
+
+    def _called(self) -> int:
+        """Return how often the law is called in this period; the ramp of a coupling takes a step in each period."""
+        if len(self.ports) > 1:
+            return 1
+        (port,) = self.ports
+        return min(1, port.state.steps) if port.permission.pauses else port.state.steps
 
     @property
     def changing(self) -> bool:
