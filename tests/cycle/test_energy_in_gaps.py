@@ -16,7 +16,10 @@ from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
+from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
 from haptic_fieldbus.scenes.gravity import Gravity
+from haptic_fieldbus.scenes.proxy import Proxy
+from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
 from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
 from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, Timing, TwoHandles, bench_plan, run
@@ -313,3 +316,38 @@ def test_forces_of_changes_that_are_over_are_forgotten() -> None:
                 bench.move(to=0.005)
     stiffening(bench, 100.0, 200.0)
     assert len(bench.axis.place._resting()) == 2
+
+
+# Elements with a memory: the place alone does not tell what they store.
+
+
+BESIDE_WEIGHTS: dict[str, tuple[Element, float]] = {
+    "free side of a plate": (Proxy("handle", 400.0, position=0.001), 1.0),
+    "relaxed tissue": (StandardLinearSolid("handle", rest=200.0, branch=300.0, time=0.1), -1.0),
+    "slowly relaxed tissue": (GeneralisedMaxwell("handle", rest=200.0, branches=((300.0, 0.1),)), -1.0),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE_WEIGHTS)
+def test_a_weight_beside_an_element_with_a_memory_is_no_source(name: str) -> None:
+    """The weight moves the handle over 20 mm and is lifted again, so that the hand gets no more than the leak."""
+    element, down = BESIDE_WEIGHTS[name]
+    bench = Handled(bench_plan(element, Gravity("handle", mass=0.5, share=down)), by_changes=True)
+    for number in range(2400):
+        bench.move(to=-0.01 * down * (1.0 - math.cos(2.0 * math.pi * number / 2400)))
+    assert bench.tripped is None
+    assert bench.given <= bench.leak + ROUNDING * bench.path
+
+
+def test_a_plate_that_is_moved_while_the_handle_presses_on_it_gives_back_what_it_took() -> None:
+    """The new plate begins with the handle on its other side; the old one is left, and stores nothing there."""
+    old, new = (Proxy("handle", 400.0, position=place) for place in (0.019, 0.023))
+    bench = Handled(bench_plan(old), x=0.0)
+    for number in range(500):
+        bench.move(to=0.0242 * math.sin(0.5 * math.pi * number / 500))
+    begin = bench.cycle.prepare(bench_plan(old), bench_plan(new), 100)
+    while not begin():  # an element with a memory is tried first
+        bench.move(to=0.0242)
+    for number in range(250):
+        bench.move(to=0.0242 * math.cos(2.0 * math.pi * number / 250))
+    assert bench.tripped is None
