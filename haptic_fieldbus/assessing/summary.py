@@ -22,11 +22,12 @@ from haptic_fieldbus.assessing.torque_error import ErrorFigures, ErrorPoints, Sp
 from haptic_fieldbus.assessing.travel import Travels
 from haptic_fieldbus.cycle.axis import AxisCycle
 from haptic_fieldbus.cycle.cycle import Cycle
+from haptic_fieldbus.cycle.energy import ECHO
 from haptic_fieldbus.margins import Verdict
 from haptic_fieldbus.numerals import exactly, in_unit, percent
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.encoder_probe import why_not_asked
-from haptic_fieldbus.planning.limits import START_SHARE
+from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER, START_SHARE
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.refusal import above_limit
 from haptic_fieldbus.scenes.element import abilities
@@ -460,6 +461,14 @@ def notices(plan: Plan, cycle: Cycle, report: LoopReport) -> Iterator[str]:
         if axis.name in report.late_faults:
             fault = axis.traffic.fault_text(*report.late_faults[axis.name], axis.bus_name)
             yield f"axis {axis.name}: after the last period, {fault}"
+    for ledger in cycle.ledgers:
+        given = ledger.tally.booked.get(ECHO, 0.0)
+        if given > HELD_ENERGY + HELD_POWER * (report.cycles or 0) * plan.period:
+            names = ", ".join(axis.name for axis in ledger.axes)
+            yield (
+                f"axis {names}: {in_unit(given, 'J')} more went into the handle than the set-points would have given, "
+                "because the drive showed another torque; set-points may be lost: look at the bus"
+            )
     if unmade := report.unmade:
         settings = ", ".join(dict.fromkeys(setting for change in unmade for setting in change.settings))
         was = f"the change of {settings} was" if len(unmade) == 1 else f"{len(unmade)} changes, of {settings}, were"

@@ -182,11 +182,12 @@ class AxisCycle:
 
         `elements` are all elements of the axis after the ramp.
         """
+        resting = self._at_rest()  # before the ramp begins: fields of changes that are over are forgotten
         for place, field in fields.items():
             self._fields[place], over = laws.blended(self._fields[place], field, periods)
             self._ramps.append(over)
         self.field = self._summed()
-        self._resting = (*self._resting, laws.at_rest(elements, self.period))
+        self._resting = (*resting, laws.at_rest(elements, self.period))
 
     @property
     def changing(self) -> bool:

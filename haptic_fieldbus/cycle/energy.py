@@ -22,6 +22,9 @@ alone, so it holds on any bench and with any hand. The energy that friction take
 is the slope of the linear model. If the slope is larger at some place, such as deep in a body that stiffens, K is the
 largest slope between the places of the period and of the sample before it.
 
+An element with a memory, such as tissue that has relaxed, may hold less than the largest energy that it states for a
+place. U(then) is therefore the largest energy, and U(now) that of the elements without a memory alone.
+
 Accounts. Credit ends with its contact. Each contact, from the first force in one direction to the last, opens an
 account of its own; energy that a damper took earlier does not count in it. Some elements cannot state their stored
 energy as a function of the position (virtual masses, elements of other packages). They keep their credit until the
@@ -30,8 +33,8 @@ cutting the force does not change the motion of a virtual mass, which later give
 acted. Their work is Σ ½·(F_k + F_{k+1})·Δx, one sample late. A held force has no leak in this sum.
 
 A live change fades from one set of elements to another, and so does the stored energy. Its growth at the present
-position, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked. The largest energy of pulses that test
-an encoder (`cycle.standstill`), their size times the motion, is granted and booked too.
+position, Δs·(U_new − U_old) for a step Δs of the share, is granted and booked; in gaps the ramp pauses with the law.
+Pulses that test an encoder (`cycle.standstill`) are granted and booked with their size times the motion.
 
 Reduced force. While the limit fades in, after a stall, and while the motor direction is tested, the force sent is
 smaller than the force of the law. Law and sent torque are then judged separately. The law has an account of its own
@@ -102,6 +105,10 @@ HELD = "held torque"
 SECOND_NS = 1_000_000_000
 LIPSCHITZ = 0.25
 """Largest error of the trapezoidal rule for a law with the slope K, as a share of K·Δx²."""
+
+
+StoredAt = Callable[[Sequence[float], Sequence[float]], float]
+"""Positions of the axes and places of their laws [m or rad] → stored energy [J]."""
 
 
 class EnergyTrip(Protocol):
@@ -185,6 +192,8 @@ class Ledger:
         self.tally = EnergyRecord(self.axes[0].limits.energy, self.axes[0].limits.forgiven)
         self._trip = trip
         self._ramp, self._done = 0, 0
+        self._grown = 0.0
+        """Energy by which changes have raised the stored energy so far [J]."""
         self._origin, self._clipped = 0.0, 0
         self._opened: Sequence[float] = ()
         """Places at which the account was opened. `_origin` is the stored energy left as credit, `_clipped` the periods
@@ -209,18 +218,36 @@ class Ledger:
         return dict(self.tally.booked)
 
     def stored(self, positions: Sequence[float], weights: Sequence[float] | None = None) -> float:
-        """Return the stored energy at these positions of the axes [J]; during a change the mix of both sets.
+        """Return the largest stored energy at these positions of the axes [J]; during a change the mix of both sets.
 
-        Elements that do not depend on the place, such as a weight, use the positions `weights` if these are given.
+        The growth by changes is left out, because no motion gave it: so a change is a step for no account. Elements
+        that do not depend on the place, such as a weight, use the positions `weights` if these are given.
         """
+        return self._mixed(self._energies(0, positions, weights))
+
+    def kept(self, positions: Sequence[float]) -> float:
+        """Return the least stored energy, as `stored` does the largest: a memory may have lost what it stored."""
+        return self._mixed(self._energies(1, positions))
+
+    def _mixed(self, energies: tuple[float, float]) -> float:
+        before, after = energies
+        return before + (after - before) * self._share - self._grown
+
+    def _energies(
+        self, which: int, positions: Sequence[float], weights: Sequence[float] | None = None
+    ) -> tuple[float, float]:
+        """Return the energies [J] of the elements before a change and after it; `which` 0: largest, 1: least."""
         places = [here - port.permission.shift for here, port in zip(positions, self.ports, strict=True)]
         if self.memory.silence:  # then everything is counted along the path of the law
             positions = places
         positions = positions if weights is None else weights
-        if not self._ramp:
-            return self._after(positions, places)
-        old, share = self._before(positions, places), min(1.0, self._done / self._ramp)
-        return old + (self._after(positions, places) - old) * share
+        after = self._after[which](positions, places)
+        return (self._before[which](positions, places) if self._ramp else after), after
+
+    @property
+    def _share(self) -> float:
+        """Return the share of the new elements."""
+        return min(1.0, self._done / self._ramp) if self._ramp else 1.0
 
     @property
     def here(self) -> list[float]:
@@ -240,16 +267,23 @@ class Ledger:
         self.reopen()
 
     def tick(self, positions: Sequence[float]) -> None:
-        """Advance a change by one period: grant and book the change of the stored energy at these positions."""
-        stored = self.stored(positions)
-        self._done += 1
-        change = self.stored(positions) - stored
-        self._origin += change
-        self.law.origin += change
+        """Advance a change as far as its ramp: grant and book the change of the stored energy at these positions."""
+        share = self._share
+        self._done += self._called()
+        (_, largest), (least, _) = self._energies(0, positions), self._energies(1, positions)
+        change = (self._share - share) * (largest - least)
+        self._grown += change
         self.tally.book(CHANGE, change)
         if self._done > self._ramp:  # the loop begins its own ramp in the period after
             self._ramp = 0
             self.terms, self.memory = self._next
+
+    def _called(self) -> int:
+        """Return how often the law is called in this period; the ramp of a coupling takes a step in each period."""
+        if len(self.ports) > 1:
+            return 1
+        (port,) = self.ports
+        return min(1, port.state.steps) if port.permission.pauses else port.state.steps
 
     @property
     def changing(self) -> bool:
@@ -304,7 +338,7 @@ class Ledger:
         else:
             ways = zip(self.axes, positions, self._opened, strict=True)
             back = sum(axis.limits.effort * abs(here - there) for axis, here, there in ways)
-            self.forgive(energy + min(self.stored(positions) - self._origin, back), self.reason or HELD)
+            self.forgive(energy + min(self.kept(positions) - self._origin, back), self.reason or HELD)
         shown = self.law.finished()
         self.reason, self._origin, self._clipped = None, self.law.origin, self._cut()
         return shown
@@ -324,7 +358,7 @@ class Ledger:
         self._origin += self._of_pulses()
         if self.reason == HELD:  # charged when contact is left or the law is followed again
             return energy
-        energy, self._origin = self.remaining(energy, self._origin, self.stored(positions))
+        energy, self._origin = self.remaining(energy, self._origin, self.kept(positions))
         if self.reason is None or self.memory.silence:
             self.compare(energy - self.memory.reserve)
             return energy
@@ -365,7 +399,8 @@ class Ledger:
     def fallen(self, before: Sequence[float]) -> float:
         """Return the energy that weights lost since these positions [J]; a faded weight gives 0 up to this energy."""
         here = self.here
-        return max(0.0, self._after(before, here) - self._after(here, here))
+        after, _ = self._after
+        return max(0.0, after(before, here) - after(here, here))
 
     def charge(self, energy: float) -> None:
         """Charge the energy of held torque in a gap above the fall of the stored energy [J], and trip above the limit.
@@ -405,7 +440,8 @@ class Ledger:
 
     def _of(
         self, elements: Sequence[Sequence[Element]], couplings: Sequence[CouplingElement]
-    ) -> tuple[list[AxisTerms], MemoryTerms, Callable[[Sequence[float], Sequence[float]], float]]:
+    ) -> tuple[list[AxisTerms], MemoryTerms, tuple[StoredAt, StoredAt]]:
+        """Return the terms of these elements, and the largest and the least energy that they store."""
         own = [each for of in elements for each in of]
         every: list[AnyElement] = [*own, *couplings]
         placed = [each for each in own if is_placed(each)]
@@ -414,7 +450,9 @@ class Ledger:
         self.charges = not memory_terms([each for each in own if not is_placed(each)], 1.0).silence
         """Whether torque held in gaps is charged: a virtual mass without a place does not pause."""
         terms = [axis_terms(axis, of, couplings, self.period) for axis, of in zip(self.axes, elements, strict=True)]
-        return terms, memory_terms(every, self.period), bind_stored(self.axes, elements, couplings)
+        certain = [[each for each in of if is_static(each)] for of in elements]
+        stored = bind_stored(self.axes, elements, couplings), bind_stored(self.axes, certain, couplings)
+        return terms, memory_terms(every, self.period), stored
 
 
 class LawAccount:
@@ -432,8 +470,8 @@ class LawAccount:
         self._forces, self._sides = list[float](), list[float]()
         """`_places`, `_forces`: at the sample before the last; `_here`: last places; `_sides`: signs at first
         contact."""
-        self._stored = self._stored_before = 0.0
-        """Stored energy at the last place, and at the one before [J]."""
+        self._stored = self._stored_before = self._kept = 0.0
+        """Largest stored energy at the last place, and at the one before; least stored energy at the last place [J]."""
         self._shifts = list[float]()
         self._work = 0.0
         """Work of the law along its path since the last call of `held` [J]."""
@@ -447,6 +485,7 @@ class LawAccount:
         self._here = self._ledger.here
         self._places, self._forces, self._sides, self._unseen = self._here, [], [], False
         self._stored = self._stored_before = self._ledger.stored(self._here)
+        self._kept = self._ledger.kept(self._here)
         self._shifts = [port.permission.shift for port in self._ledger.ports]
         self._begin_gap()
 
@@ -466,6 +505,7 @@ class LawAccount:
         self._sides = self._sides or forces
         self._places, self._forces, self._here = self._here, forces, ledger.here
         self._stored_before, self._stored = self._stored, ledger.stored(self._here)
+        self._kept = ledger.kept(self._here)
         shifts, self._shifts = self._shifts, [port.permission.shift for port in ledger.ports]
         moves = zip(ledger.terms, self._here, self._places, self._shifts, shifts, forces, strict=True)
         for terms, here, there, now, before, force in moves:
@@ -484,7 +524,7 @@ class LawAccount:
             stiffness = terms.damping_between(low, low + abs(way)) / (terms.age * ledger.period)
             self._energy += way * (0.5 * (before + force) - LIPSCHITZ * stiffness * way) - terms.active * abs(way)
         if self._energy > ledger.tally.largest + ledger.memory.reserve:
-            self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._stored)
+            self._energy, self.origin = ledger.remaining(self._energy, self.origin, self._kept)
             ledger.compare(self._energy - ledger.memory.reserve)
 
     def finished(self) -> float:

@@ -266,8 +266,9 @@ class Abilities:
     """
 
     stored: Callable[..., float] | None = None
-    """Position [m or rad] → stored energy [J], from any zero; a coupling takes both positions. None: the energy depends
-    on more than the position. For the energy ledger (`planning.energy`)."""
+    """Position [m or rad] → stored energy [J], from any zero; a coupling takes both positions. With a memory: the
+    largest energy at this position, at least 0. None: the energy depends on more than the position. For the energy
+    ledger (`planning.energy`)."""
     reserve: float | None = None
     """Largest energy that the memory can hold [J]; None: not known. For the energy ledger and the margins."""
     strongest: float = 0.0

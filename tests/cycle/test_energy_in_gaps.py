@@ -16,7 +16,11 @@ from haptic_fieldbus.cycle.laws import Sensed, field_of
 from haptic_fieldbus.planning.limits import HELD_ENERGY, HELD_POWER
 from haptic_fieldbus.scenes.catalogue import load_scene
 from haptic_fieldbus.scenes.element import Element, StaticElement, abilities
+from haptic_fieldbus.scenes.generalised_maxwell import GeneralisedMaxwell
 from haptic_fieldbus.scenes.gravity import Gravity
+from haptic_fieldbus.scenes.proxy import Proxy
+from haptic_fieldbus.scenes.standard_linear_solid import StandardLinearSolid
+from haptic_fieldbus.scenes.wall import Wall
 from haptic_fieldbus.signals import Signal, Workspace
 from tests.cycle.gap_bench import LEVER, MASS, PERIOD, AtPlaces, Handled, Timing, TwoHandles, bench_plan, run
 
@@ -246,3 +250,104 @@ def test_two_handles_that_are_left_alone_are_given_no_power_that_is_felt(name: s
                 break
         most = bench.leak + 1.1 * HELD_ENERGY + HELD_POWER * 2.0
         assert bench.given <= most + ROUNDING * (LEVER if rotary else 1.0) * bench.path
+
+
+# Live changes: the energy that they add, while samples are missing.
+
+
+def stiffening(bench: Handled, soft: float, stiff: float) -> None:
+    """Begin to fade from a wall at 0 of one stiffness to one of the other, within 100 periods."""
+    before, after = (bench_plan(Wall("handle", each, position=0.0)) for each in (soft, stiff))
+    assert bench.cycle.prepare(before, after, 100)()
+
+
+def test_a_change_in_a_gap_charges_no_torque_that_moved_nothing() -> None:
+    """The handle is held still, so the torque gives nothing, while the springs grow by ½·ΔK·x² = 480 mJ."""
+    bench = Handled(bench_plan(Wall("handle", 50.0, position=0.0)), x=0.08)
+    stiffening(bench, 50.0, 200.0)
+    for number in range(200):
+        bench.move(to=0.08, lost=5 <= number % 40 < 19)
+    assert (bench.given, bench.tripped) == (0.0, None)
+    tally = bench.cycle.ledgers[0].tally
+    assert tally.held_most == pytest.approx(0.0, abs=1e-9)
+    assert tally.booked == {"change": pytest.approx(0.5 * 150.0 * 0.08**2, rel=1e-3)}
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["lost", "late"])
+@pytest.mark.parametrize("begun", [5, 40, 70])
+def test_a_hand_that_presses_in_after_a_gap_of_a_change_gets_back_what_it_did(begun: int, late: bool) -> None:
+    """The ramp pauses in the gap, or goes on while the loop is late; the hand then presses deeper and draws back."""
+    bench = Handled(bench_plan(Wall("handle", 100.0, position=0.0)), x=0.005)
+    stiffening(bench, 100.0, 500.0)
+    deepest = False
+    for number in range(500):
+        way = 0.0009 if number > 75 else 0.0
+        deepest = deepest or bench.x + way > 0.03
+        to = max(-0.002, bench.x - 0.0003) if deepest and number > 200 else min(0.03, bench.x + way)
+        if late and number == begun:
+            bench.period += 14
+        bench.move(to=to, lost=not late and begun <= number < begun + 14)
+    assert bench.tripped is None
+    assert bench.cycle.ledgers[0].tally.largest == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_controller_takes_back_no_energy_that_a_change_has_granted() -> None:
+    """The hand draws back as slowly from a wall that a change has made stiff as from one that was stiff before."""
+    taken = []
+    for soft in (100.0, 499.999):
+        plan = bench_plan(Wall("handle", soft, position=0.0))
+        bench = Handled(replace(plan, scene=replace(plan.scene, passivity="controller")), x=0.03)
+        stiffening(bench, soft, 500.0)
+        for _ in range(120):
+            bench.move(to=0.03)
+        before = bench.cycle.ledgers[0].tally.taken
+        for number in range(600):
+            bench.move(to=0.03 - 5e-5 * number)
+        taken.append(bench.cycle.ledgers[0].tally.taken - before)
+    assert taken[0] == pytest.approx(taken[1], rel=0.1)
+
+
+def test_forces_of_changes_that_are_over_are_forgotten() -> None:
+    bench = Handled(bench_plan(Wall("handle", 100.0, position=0.0)), x=0.005)
+    for _ in range(5):
+        for soft, stiff in ((100.0, 200.0), (200.0, 100.0)):
+            stiffening(bench, soft, stiff)
+            for _ in range(101):
+                bench.move(to=0.005)
+    stiffening(bench, 100.0, 200.0)
+    assert len(bench.axis.place._resting()) == 2
+
+
+# Elements with a memory: the place alone does not tell what they store.
+
+
+BESIDE_WEIGHTS: dict[str, tuple[Element, float]] = {
+    "free side of a plate": (Proxy("handle", 400.0, position=0.001), 1.0),
+    "relaxed tissue": (StandardLinearSolid("handle", rest=200.0, branch=300.0, time=0.1), -1.0),
+    "slowly relaxed tissue": (GeneralisedMaxwell("handle", rest=200.0, branches=((300.0, 0.1),)), -1.0),
+}
+
+
+@pytest.mark.parametrize("name", BESIDE_WEIGHTS)
+def test_a_weight_beside_an_element_with_a_memory_is_no_source(name: str) -> None:
+    """The weight moves the handle over 20 mm and is lifted again, so that the hand gets no more than the leak."""
+    element, down = BESIDE_WEIGHTS[name]
+    bench = Handled(bench_plan(element, Gravity("handle", mass=0.5, share=down)), by_changes=True)
+    for number in range(2400):
+        bench.move(to=-0.01 * down * (1.0 - math.cos(2.0 * math.pi * number / 2400)))
+    assert bench.tripped is None
+    assert bench.given <= bench.leak + ROUNDING * bench.path
+
+
+def test_a_plate_that_is_moved_while_the_handle_presses_on_it_gives_back_what_it_took() -> None:
+    """The new plate begins with the handle on its other side; the old one is left, and stores nothing there."""
+    old, new = (Proxy("handle", 400.0, position=place) for place in (0.019, 0.023))
+    bench = Handled(bench_plan(old), x=0.0)
+    for number in range(500):
+        bench.move(to=0.0242 * math.sin(0.5 * math.pi * number / 500))
+    begin = bench.cycle.prepare(bench_plan(old), bench_plan(new), 100)
+    while not begin():  # an element with a memory is tried first
+        bench.move(to=0.0242)
+    for number in range(250):
+        bench.move(to=0.0242 * math.cos(2.0 * math.pi * number / 250))
+    assert bench.tripped is None
