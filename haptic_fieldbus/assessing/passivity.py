@@ -80,7 +80,7 @@ def forgiven_text(found: Passivity) -> str | None:
     reasons = sorted(reason for reason in found.booked if reason not in (CHANGE, PULSES))
     return (
         f"{in_unit(sum(found.booked[reason] for reason in reasons), 'J')} more went into the handle than the scene "
-        f"had stored, because the force had been reduced before ({', '.join(reasons)}); at most "
+        f"had stored, because another force than that of the scene acted ({', '.join(reasons)}); at most "
         f"{in_unit(found.forgiven, 'J')} within one second (limit {in_unit(found.forgiven_limit, 'J')})"
     )
 

@@ -42,7 +42,7 @@ def test_a_budget_that_does_not_exist_is_null() -> None:
 def test_what_was_forgiven_is_one_sentence_with_its_reasons_and_its_budget() -> None:
     booked = {"gap": 0.08, "change": 1.0, "fade-in": 0.02}
     assert forgiven_text(Passivity(("handle",), 0.0, 0.005, booked, None, 0.06, 2.0)) == (
-        "0.1 J more went into the handle than the scene had stored, because the force had been reduced before "
+        "0.1 J more went into the handle than the scene had stored, because another force than that of the scene acted "
         "(fade-in, gap); at most 0.06 J within one second (limit 2 J)"
     )
     assert forgiven_text(Passivity(("handle",), 0.0, 0.005, {"gap": 0.004}, None, 0.004, 2.0)) is None
