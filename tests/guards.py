@@ -532,7 +532,7 @@ GUARDS = {
     ),
     "a drive that nobody has commanded": Guard(
         "haptic_fieldbus/running/loop.py",
-        "raise enabled_by_itself(at.axis)",
+        "raise enabled_by_itself(at.axis, at.state.power)",
         "asked.add(name)",
         (f"{RUNNING}::test_a_drive_that_enables_itself_before_it_is_commanded_gets_no_torque",),
     ),

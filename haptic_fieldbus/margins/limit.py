@@ -11,8 +11,8 @@ may swing at the worst frequency between them. So may a virtual mass between the
 one stiffness and not at a larger one: beside virtual masses the middle of the delay is tried too, each corner at
 several stiffnesses. Coupled axes are first all at the same corner. With damping one of them may be worst with a short
 lag and the other with a long one. From the worst corner so far, each axis alone is therefore tried at its other
-corners, until no limit is smaller. Tests draw benches from inside the ranges, and none has a smaller limit;
-that of a damped virtual mass was smaller there in 10 of 291 draws.
+corners, until no limit is smaller. Tests draw benches from inside the ranges, and none has a smaller limit. That of a
+damped virtual mass may be smaller there.
 
 Delays that change from period to period, by jitter or by a drive whose control tick is not locked to SYNC, are covered
 by the longest delay for springs and for weak virtual damping. With a virtual damping above about half of m/T, delays

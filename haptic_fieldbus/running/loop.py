@@ -261,7 +261,7 @@ def _check_asked(cycle: Cycle, asked: set[str]) -> None:
     """Note the axes that are commanded to *operation enabled*; raises DriveFaultError for one that got there before."""
     for name, at in cycle.axes.items():
         if at.state.power is PowerState.OPERATION_ENABLED and name not in asked:
-            raise enabled_by_itself(at.axis)
+            raise enabled_by_itself(at.axis, at.state.power)
         if at.state.controlword in at.axis.power.enabling:
             asked.add(name)
 
@@ -288,11 +288,11 @@ def not_enabled(plan: Plan, states: Mapping[str, PowerState]) -> BusTimeoutError
     )
 
 
-def enabled_by_itself(axis: AxisPlan) -> DriveFaultError:
-    """Return the error for a drive in *operation enabled*, to which it was not commanded."""
+def enabled_by_itself(axis: AxisPlan, state: PowerState) -> DriveFaultError:
+    """Return the error for a drive that may feed its motor in this state, to which it was not commanded."""
     return DriveFaultError(
-        f"axis {axis.name}: node {axis.node} changed to {PowerState.OPERATION_ENABLED.value} by itself. No torque was "
-        "commanded. Another program, or an input of the drive, may enable it"
+        f"axis {axis.name}: node {axis.node} changed to {state.value} by itself. No torque was commanded. Another "
+        "program, or an input of the drive, may enable it"
     )
 
 

@@ -31,7 +31,14 @@ from haptic_fieldbus.planning.guards import CAPPED, LONGEST_QUESTION, SetGuard
 from haptic_fieldbus.planning.image import EMERGENCY, FLAGS, STATUSWORD, T_NS, AxisImage
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.running.ending import EndSignals
-from haptic_fieldbus.running.loop import check_link, enabling_time, feedback_time_ns, not_enabled, started
+from haptic_fieldbus.running.loop import (
+    check_link,
+    enabled_by_itself,
+    enabling_time,
+    feedback_time_ns,
+    not_enabled,
+    started,
+)
 from haptic_fieldbus.signals import LinkFlag, Signal, Workspace
 
 PATIENCE = 4.0
@@ -426,7 +433,4 @@ def _check_off(axis: AxisPlan, feedback: Sequence[int]) -> None:
     """Raise DriveFaultError for a drive that may feed its motor, although a person was told that it is off."""
     state = axis.power.state(feedback[STATUSWORD])
     if state in ENERGISED and not feedback[FLAGS] & LinkFlag.STALE:
-        raise DriveFaultError(
-            f"axis {axis.name}: node {axis.node} changed to {state.value} by itself before enabling. No torque was "
-            "commanded. Another program, or an input of the drive, may enable it"
-        )
+        raise enabled_by_itself(axis, state)
