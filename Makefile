@@ -14,11 +14,10 @@ DEMO_STAMP := $(VENV)/.demo
 DEV_STAMP := $(VENV)/.dev
 
 # Debian packages beside Python. tshark, mbpoll: foreign programs read what is recorded, and speak with a drive. gcc, libmodbus: a foreign server is
-# compiled. User-Mode Linux (41 MB to fetch) and what works with it: SocketCAN where the kernel has none. For all tests only: buildah, images without
-# a daemon; chromium and its driver, for the page of a run.
+# compiled. User-Mode Linux (41 MB to fetch) and what works with it: SocketCAN where the kernel has none. Beyond the quick lane: buildah, images
+# without a daemon; chromium and its driver, for the page of a run (122 MB to fetch).
 SYSTEM_PACKAGES := mbpoll tshark gcc libc6-dev libmodbus-dev user-mode-linux kmod iproute2 can-utils
-test-all test-part: SYSTEM_PACKAGES += buildah
-test-all: SYSTEM_PACKAGES += chromium chromium-driver fonts-liberation
+test-all test-part: SYSTEM_PACKAGES += buildah chromium chromium-driver fonts-liberation
 
 # PYTHON=/path/to/python chooses another interpreter than the first suitable one; an environment of another version is
 # made anew.

@@ -93,7 +93,7 @@ def test_the_film_of_the_live_page_moves_is_small_and_tells_what_it_shows() -> N
 
 
 @pytest.mark.thorough("films the live page")
-@pytest.mark.xdist_group("browser")
+@pytest.mark.xdist_group("browser pictures")
 @pytest.mark.skipif(
     not (shutil.which("chromium") and shutil.which("chromedriver")),
     reason="needs: apt-get install chromium chromium-driver",

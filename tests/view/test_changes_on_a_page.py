@@ -11,7 +11,7 @@ from tests.view.served import CHROMIUM, DRIVER, serving
 pytestmark = [
     pytest.mark.thorough("starts a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.xdist_group("browser changes_on_a_page"),
 ]
 ANSWER = "document.getElementById('answer')"
 SCALE = """

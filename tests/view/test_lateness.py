@@ -13,7 +13,7 @@ from tests.view.served import CHROMIUM, DRIVER, chromium
 pytestmark = [
     pytest.mark.thorough("two processes in real time and a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.xdist_group("browser lateness"),
 ]
 RATIO = 1.5
 """Bound of a lateness as a multiple of that without a page, or of the bare timer beside it where that is larger."""

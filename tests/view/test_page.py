@@ -24,7 +24,7 @@ from tests.view.served import CHROMIUM, DRIVER, GROWTH, children, descendants, m
 pytestmark = [
     pytest.mark.thorough("starts a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.xdist_group("browser page"),
 ]
 
 
@@ -290,6 +290,7 @@ def test_a_trip_stays_on_the_page_in_words_and_the_charts_are_held(browser: webd
         status, out, err = served.ended()
         assert status == 3
         assert text.partition(" ")[2] in " ".join((out + err).split())
+        assert "torque is off" in text, "known at the end only, when the drives were asked"
     browser.get("about:blank")
     browser.get_log("browser")  # that the server is gone is an error to a browser
 

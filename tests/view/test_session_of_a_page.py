@@ -20,7 +20,7 @@ from tests.view.served import CHROMIUM, DRIVER, children, serving
 pytestmark = [
     pytest.mark.thorough("starts a browser"),
     pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="needs: apt-get install chromium chromium-driver"),
-    pytest.mark.xdist_group("browser"),
+    pytest.mark.xdist_group("browser session_of_a_page"),
 ]
 
 
