@@ -63,9 +63,9 @@ def shown_commands() -> Iterator[tuple[Path, str]]:
 
 
 def is_quick(command: str) -> bool:
-    """Whether it neither measures, nor draws, nor renders for seconds."""
+    """Whether it neither measures, nor draws, nor renders for seconds, nor starts a kernel."""
     words = command.split()
-    measures = {"report", "--plot"} & set(words) or (words[1] == "run" and "--duration 1" not in command)
+    measures = {"report", "--plot", "vcan"} & set(words) or (words[1] == "run" and "--duration 1" not in command)
     return not measures and not is_lasting(command)
 
 

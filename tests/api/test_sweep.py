@@ -661,7 +661,7 @@ def ended(condition: Callable[[], bool], within: float) -> bool:
     return condition()
 
 
-@pytest.mark.thorough("kills processes and waits for their children", quick=1)
+@pytest.mark.thorough("kills processes and waits for their children")
 @pytest.mark.parametrize("chunks", [3, 0, 1, 17, 60])
 def test_a_killed_sweep_goes_on_and_leaves_no_process(chunks: int, tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -58,7 +58,7 @@ def await_process(mark: str, words: str) -> None:
     pytest.fail(f"{words} has not started")
 
 
-@pytest.mark.thorough("starts the benchmarks", quick=2)
+@pytest.mark.thorough("starts the benchmarks", quick=1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT], ids=lambda number: number.name)
 @pytest.mark.parametrize("send", [os.kill, os.killpg], ids=["alone", "group"])
 @pytest.mark.parametrize("begun", BEGUN)

@@ -251,7 +251,7 @@ def test_hosted_drives_end_in_order_although_nobody_reads(tmp_path: Path) -> Non
     os.close(out)
 
 
-@pytest.mark.thorough("starts a process for each", quick=4)
+@pytest.mark.thorough("starts a process for each", quick=2)
 @pytest.mark.parametrize(
     ("words", "streams", "status", "told"),
     [

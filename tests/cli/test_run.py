@@ -277,7 +277,7 @@ def test_a_run_that_enabled_no_drive_says_why_it_is_not_drawn(command: Command, 
 
 
 @pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
-@pytest.mark.thorough("draws a picture for each format", quick=("png",))
+@pytest.mark.thorough("draws a picture for each format")
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])
 def test_a_disk_that_is_full_when_the_picture_is_drawn_is_no_wrong_usage(
     command: Command, tmp_path: Path, suffix: str

@@ -12,7 +12,7 @@ from types import CellType, FunctionType, MethodType
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from haptic_fieldbus.api import plan as plan_from
@@ -30,6 +30,7 @@ from haptic_fieldbus.signals import LinkFlag, Signal
 from tests.builders import plan_of, scene_of
 from tests.cycle.ordinary_cases import CASES, Case, plan_named, run_case
 from tests.cycle.ordinary_drifts import ALONE_DRIFTS, DRIFTS
+from tests.lanes import examples
 
 ENABLED, READY, FAULT = 0x0637, 0x0631, 0x0638
 PLANS: list[dict[str, Any]] = [
@@ -193,7 +194,7 @@ def both(
         yield short
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(60))
 @given(number=st.integers(0, CONTROLLED), seed=st.integers(0, 10**6), power=st.sampled_from((math.inf, 5.0)))
 def test_both_ways_keep_the_same_values_whatever_comes(number: int, seed: int, power: float) -> None:
     for _ in both(powerful(made(number), power), seed, 1500):

@@ -70,7 +70,7 @@ def test_the_page_tells_of_every_command_that_prints_an_object() -> None:
     assert {name.partition(":")[0] for name in OBJECTS} == set(COMMANDS)
 
 
-@pytest.mark.thorough("every command that prints an object", quick=5)
+@pytest.mark.thorough("every command that prints an object", quick=3)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_command_prints_the_keys_of_the_page(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

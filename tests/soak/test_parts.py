@@ -33,7 +33,7 @@ def test_a_whole_soak_is_as_large_as_was_promised() -> None:
         assert (sums[f"small files: {reader}"], sums[f"large files: {reader}"]) == (10_000, 1_000)
 
 
-@pytest.mark.thorough("frames and files", quick=("active", "slips", "serial", "into_drive", "into_reader-rig"))
+@pytest.mark.thorough("frames and files", quick=("active", "slips", "into_drive"))
 @pytest.mark.parametrize(
     ("work", "count"),
     [
@@ -51,6 +51,7 @@ def test_a_little_of_each_part_breaks_nothing(work: str, count: int, monkeypatch
     assert PARTS[work].work(7, count)["broken"] == []
 
 
+@pytest.mark.thorough("a whole run")
 def test_an_element_that_states_no_energy_may_give_back_what_it_took_before() -> None:
     case = active_case(232)  # it took 0.5 J in its first contacts, and then gives 12 mJ in each
     result = rendered(case)

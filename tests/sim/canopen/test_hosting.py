@@ -225,6 +225,7 @@ class TestHosting:
             assert host(bus, slots, 0, ready, lambda: next(asked)) == 0
         assert told == [7]
 
+    @pytest.mark.thorough("listens for a second each time", quick=1)
     @pytest.mark.parametrize("other", ["asked", "unasked", "remote", "of another node"])
     def test_a_node_id_that_another_device_has_is_refused_before_anything_is_opened(self, other: str) -> None:
         """The other device answers the one request, or sends a heartbeat before it is asked."""
