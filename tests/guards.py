@@ -341,6 +341,13 @@ GUARDS = {
         "test_read_back",
         "test_it_goes_out_first_and_alone",
     ),
+    "feedback that is more than a period late": _bus(
+        "setup",
+        "if took_ns <= period_ns:",
+        "if True:",
+        "test_late_answers",
+        "test_a_drive_that_answers_more_than_a_period_late_is_refused_before_torque",
+    ),
     "silence of the drive": _bus(
         "link",
         "if now_ns - node.heartbeat_ns > self._silence_ns:",

@@ -411,6 +411,9 @@ class CanopenBus(release.ReleasedBus[Release]):
         self._foreign.refuse(self._wire.name, "Nothing was enabled")
         for setup in self._setups:
             setup.start()
+        if self._plan is not None and not self._plan.simulated:
+            for setup in self._setups:
+                setup.check_answers(self._plan.period_ns)
         for asking in self._askings:
             asking.listen()
         self._wire.focus(1 + len(self._outputs) + 2 * len(self._setups))

@@ -8,7 +8,7 @@ Reference: CiA 301 7.2.4 (SDO), 7.2.7 (EMCY), 7.2.8 (NMT, 7.2.8.3.2.1 node guard
 
 import queue
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from contextlib import contextmanager
 from enum import IntEnum
 
@@ -24,7 +24,7 @@ from haptic_fieldbus.errors import BusConfigurationError, BusError, BusTimeoutEr
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.protocols.canopen.bus import EMCY_COB_ID, NMT_COB_ID, SDO_REQUEST_COB_ID, SDO_RESPONSE_COB_ID
 from haptic_fieldbus.protocols.canopen.emergency import RESET_CLASS, emergency_meaning
-from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID
+from haptic_fieldbus.protocols.canopen.pdo import HEARTBEAT_COB_ID, SYNC_COB_ID
 from haptic_fieldbus.signals import LinkFlag
 
 # Expedited SDO requests as octets, for where an answer is not waited for.
@@ -308,6 +308,23 @@ class Node:
     def wait(self, duration_ns: int) -> None:
         """Receive frames for this time [ns]."""
         self._wire.pump_until(self.now_ns() + duration_ns)
+
+    def answer_ns(self, cob_ids: Set[int], most_ns: int) -> int:
+        """Send one SYNC, and return how long the last of these TPDOs took [ns]; 0 if one took longer than `most_ns`.
+
+        Raises BusError.
+        """
+        took_ns: dict[int, int] = {}
+
+        def note(can_id: int, _: bytes | bytearray) -> None:
+            if can_id in cob_ids:
+                took_ns.setdefault(can_id, self._wire.taken_ns - begin_ns)
+
+        begin_ns = self.now_ns()
+        self._wire.send(SYNC_COB_ID)
+        with self._wire.overhear(note):
+            self._wire.pump_until(begin_ns + most_ns, lambda: len(took_ns) == len(cob_ids))
+        return max(took_ns.values(), default=0) if len(took_ns) == len(cob_ids) else 0
 
     def _on_heartbeat(self, data: bytes | bytearray) -> None:
         if not data or (self.guarded and self._repeats(data[0])):

@@ -216,6 +216,10 @@ DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
 STILL_ENABLED = "is still enabled after the command disable voltage"
 
 
+LONE_SYNCS, LONE_PERIODS = 3, 4
+"""So often a drive may answer a SYNC late before it is refused, and for so many periods each answer is waited for."""
+
+
 @dataclass(frozen=True)
 class NodeSetup:
     """Setup of one axis of the plan on its node; `bus` is the traffic of the whole bus, `member` that of this axis."""
@@ -285,6 +289,24 @@ class NodeSetup:
         self.guard.engage()
         if self.node.booted:
             raise BusConfigurationError(f"{self.node.label} restarted while it was configured: is its supply stable?")
+
+    def check_answers(self, period_ns: int) -> None:
+        """Refuse a drive that answers SYNC after more than a period [ns]; raises BusConfigurationError, and BusError.
+
+        Where SYNC comes each period, such an answer looks like a prompt one to the next SYNC. One SYNC alone tells.
+        """
+        cob_ids = {pdo.cob_id for pdo in self.member.traffic.tpdos}
+        self.node.wait(period_ns)  # it may send some as it becomes operational
+        took_ns = 0
+        for _ in range(LONE_SYNCS):
+            took_ns = self.node.answer_ns(cob_ids, LONE_PERIODS * period_ns)
+            if took_ns <= period_ns:
+                return
+        raise BusConfigurationError(
+            f"{self.node.label} answers SYNC after {rounded(1e-6 * took_ns)} ms, and a period lasts "
+            f"{rounded(1e-6 * period_ns)} ms. Each answer would be taken for that to the SYNC after it, and its "
+            "position for a newer one than it is. Ask for a lower rate"
+        )
 
     @property
     def _confirmation_time(self) -> float:

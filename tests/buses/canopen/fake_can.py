@@ -82,6 +82,7 @@ class FakeDrive:
         self.state = 0x7F
         self.silent = False
         self.mute_tpdos = False
+        self.tpdo_delay_ns = DELAY_NS
         self.tpdo_change: Callable[[bytes], bytes] = lambda data: data
         self.aborts: dict[Key, int] = {}
         """Writes refused with a code."""
@@ -198,7 +199,7 @@ class FakeDrive:
             return
         self.objects[0x6064, 0] = self.counts_at(self.bus.clock.now_ns()).to_bytes(4, "little", signed=True)
         for cob_id, keys in self._pdos(0x1800, 0x1A00):
-            self.bus.reply(cob_id, self.tpdo_change(b"".join(self.objects[key] for key in keys)))
+            self.bus.reply(cob_id, self.tpdo_change(b"".join(self.objects[key] for key in keys)), self.tpdo_delay_ns)
 
     def _take_rpdo(self, can_id: int, data: bytes) -> None:
         for cob_id, keys in self._pdos(0x1400, 0x1600):

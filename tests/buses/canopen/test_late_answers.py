@@ -1,12 +1,18 @@
 """Answers to SYNC that come periods late, as those of a drive that stood still: which sample belongs to which SYNC."""
 
 import struct
+from contextlib import ExitStack
+from dataclasses import replace
 
 import pytest
 
+from haptic_fieldbus.errors import BusConfigurationError
 from haptic_fieldbus.planning.image import AXIS_HEADER, LARGEST_AGE_NS
+from haptic_fieldbus.protocols.canopen.bus import CanSection
+from haptic_fieldbus.protocols.canopen.pdo import SYNC_COB_ID
 from haptic_fieldbus.signals import LinkFlag
-from tests.buses.canopen.benches import TPDO, Bench
+from tests.builders import plan_of
+from tests.buses.canopen.benches import RPDO, TPDO, Bench
 
 PERIOD_NS = 1_000_000
 USUAL = 20
@@ -128,3 +134,45 @@ def test_what_an_earlier_exchange_left_in_the_image_is_no_state_of_the_drive() -
     age_ns, flags, _ = AXIS_HEADER.unpack_from(image, places.header)
     assert age_ns == LARGEST_AGE_NS
     assert LinkFlag.STALE in LinkFlag(flags)
+
+
+class RealBench(Bench):
+    """A bench whose plan takes its bus for a real one."""
+
+    def __init__(self) -> None:
+        plan = plan_of()
+        rig = replace(plan.rig, bus={name: CanSection("socketcan", "can0") for name in plan.rig.bus})
+        super().__init__(replace(plan, rig=rig))
+
+    def syncs(self) -> int:
+        """How often SYNC was sent before drives were freed."""
+        sent = [can_id for _, can_id, _ in self.frames if can_id in (SYNC_COB_ID, RPDO)]
+        return sent.index(RPDO) if RPDO in sent else len(sent)
+
+
+@pytest.mark.parametrize(("delay_us", "refused"), [(100, False), (950, False), (1_200, True), (2_300, True)])
+def test_a_drive_that_answers_more_than_a_period_late_is_refused_before_torque(delay_us: int, refused: bool) -> None:
+    """In the loop each answer would pass for that to the SYNC after it: with 1.2 ms it comes 0.2 ms after one."""
+    bench = RealBench()
+    bench.drive.tpdo_delay_ns = delay_us * 1000
+    with ExitStack() as expected:
+        if refused:
+            words = f"answers SYNC after {delay_us / 1000:g} ms, and a period lasts 1 ms. .*Ask for a lower rate$"
+            expected.enter_context(pytest.raises(BusConfigurationError, match=words))
+        bench.open()
+    assert bench.syncs() == (3 if refused else 1)
+    assert bench.drive.value(0x6041) == 0x40, "switch on disabled"
+
+
+@pytest.mark.parametrize(("kind", "syncs"), [("once late", 2), ("silent", 1)])
+def test_one_late_answer_is_no_reason_and_a_missing_one_is_told_by_the_loop(kind: str, syncs: int) -> None:
+    bench, delays_ns = RealBench(), iter([1_500_000, 100_000])
+    bench.drive.mute_tpdos = kind == "silent"
+
+    def delayed(data: bytes) -> bytes:
+        bench.drive.tpdo_delay_ns = next(delays_ns)
+        return data
+
+    bench.drive.tpdo_change = delayed
+    bench.open()
+    assert bench.syncs() == syncs
