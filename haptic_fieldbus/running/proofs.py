@@ -24,7 +24,15 @@ from haptic_fieldbus.clock import Clock
 from haptic_fieldbus.documents.edits import Value, table_text, write_table
 from haptic_fieldbus.drive.profile import ENERGISED, Identity, PowerState
 from haptic_fieldbus.drive.rig import Proved
-from haptic_fieldbus.errors import BusError, DriveFaultError, Fault, RigError, UnprovedGuardError, UsageError
+from haptic_fieldbus.errors import (
+    BusError,
+    BusTimeoutError,
+    DriveFaultError,
+    Fault,
+    RigError,
+    UnprovedGuardError,
+    UsageError,
+)
 from haptic_fieldbus.numerals import exactly, in_unit, rounded
 from haptic_fieldbus.planning.axis_plan import AxisPlan
 from haptic_fieldbus.planning.guards import CAPPED, LONGEST_QUESTION, SetGuard
@@ -319,6 +327,8 @@ ENOUGH = {Workspace.LINEAR: 0.01, Workspace.ROTARY: 0.2}
 FEWEST_COUNTS = 3
 PERSON_TIMEOUT = 60.0
 """Longest time to wait for a person [s]."""
+MISSING_TIMEOUT = 1.0
+"""Time without feedback after which nothing is waited for any more [s]."""
 SHOWN_EVERY = 0.1
 """Time between two lines about the position [s]."""
 INT32, HALF_TURN = 0x1_0000_0000, 0x8000_0000
@@ -402,9 +412,15 @@ class _WayExchange:
         signal = Signal.VELOCITY if axis.integrates else Signal.POSITION
         place = STATUSWORD + [mapped.signal for mapped in axis.incoming].index(signal)
         first: int | None = None
-        way = 0.0
+        way, missing = 0.0, 0
         for _ in range(round(PERSON_TIMEOUT * self._plan.rate)):
             reading = self._read(axis, image, place)
+            missing = 0 if reading is not None else missing + 1
+            if missing * self._plan.period >= MISSING_TIMEOUT:
+                raise BusTimeoutError(
+                    f"axis {axis.name}: no {signal.value} came for {MISSING_TIMEOUT:g} s while the handle was to be "
+                    "moved. No torque was applied"
+                )
             if reading is not None and axis.integrates:
                 way += reading * axis.velocity_unit * self._plan.period
             elif reading is not None:

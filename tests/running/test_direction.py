@@ -9,7 +9,7 @@ import pytest
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.drive.rig import Seen
-from haptic_fieldbus.errors import DriveFaultError, RigError, UsageError
+from haptic_fieldbus.errors import BusTimeoutError, DriveFaultError, RigError, UsageError
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.ending import EndSignals
@@ -124,6 +124,21 @@ def test_a_drive_that_enables_itself_meanwhile_ends_the_waiting(tmp_path: Path) 
     assert len(read) == 2
     assert read[-1] == "\n", "the error begins a line"
     assert ended.value.__notes__ == [UNCONFIRMED]
+
+
+def test_a_drive_whose_feedback_stays_away_ends_the_waiting_though_its_heartbeat_comes(tmp_path: Path) -> None:
+    bench, read = Bench(planned(str(tmp_path / "rig.toml"))), list[str]()
+    bench.bus.inspect(bench.plan, bytearray(bench.plan.image.input_size))
+
+    def instruct(text: str) -> None:
+        read.append(text)
+        bench.drive.mute_tpdos = True
+
+    begin_ns = bench.clock.now_ns()
+    with pytest.raises(BusTimeoutError, match="no position came for 1 s while the handle was to be moved"):
+        confirm_direction(bench.plan, bench.bus, bench.clock, instruct, EndSignals())
+    assert bench.clock.now_ns() - begin_ns < 4_000_000_000
+    assert read[-1] == "\n"
 
 
 def test_a_signal_ends_the_waiting(tmp_path: Path) -> None:
