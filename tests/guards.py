@@ -862,9 +862,9 @@ GUARDS = {
         "test_on_tcp_nothing_is_sent_while_an_answer_is_outstanding",
     ),
     "Modbus: a late sample has its own age": _line(
-        "exchange",
-        "reading.latched(sent_ns, requester.arrived_ns)",
-        "requester.arrived_ns",
+        "link",
+        "self.link.latch_ns = latched_ns if latched_ns <= latest_ns else max(sent_ns, latest_ns)",
+        "self.link.latch_ns = arrived_ns",
         "test_exchange",
         "test_a_sample_of_an_earlier_question_counts_for_the_age_that_it_has",
     ),

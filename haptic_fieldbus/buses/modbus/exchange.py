@@ -127,6 +127,7 @@ class Turns:
         whole_ns += [each.times.whole_ns for each in readings]
         self._left_ns = tuple(sum(whole_ns[at:]) for at in range(len(whole_ns)))
         """Time that each request and those after it take."""
+        self._nothing: bytes | bytearray = b""
         self._begun_ns = 0
         self._patience_ns = round(1e9 * answer_time(1e-9 * period_ns))
         self._asked: Question | None = None
@@ -170,15 +171,15 @@ class Turns:
 
     def begin(self) -> None:
         """Ask the first unit."""
-        self._begun_ns = self._now_ns()
         for link in self._links:
-            link.begin()
+            link.missing = 0
         if self._targets:
             first, *others = self._targets
             self._targets, self._present = (*others, first), (first, *self._readings)
             for each in self._targets:
                 each.begin()
         self._asked = self._ask(self._present[0])
+        self._begun_ns = self._now_ns() if self._asked is None else self._requester.sent_ns
 
     def collect(self, deadline_ns: int) -> bytearray:
         """Receive, and ask the other units, until the deadline [ns] at the latest; return the image."""
@@ -190,14 +191,19 @@ class Turns:
                 until_ns = now_ns + max(0, deadline_ns - now_ns) * reading.times.whole_ns // self._left_ns[at]
             if self._asked is None:
                 self._clear(reading, until_ns)
-            form = requester.outstanding
+            form, link = requester.outstanding, reading.link
             if form is None:
                 # Ask nothing, and drop what comes; when nothing did, no answer is late any more.
-                reading.link.missing += 1
+                link.missing += 1
                 if not requester.listen(until_ns):
-                    reading.link.late.clear()
-            else:
-                self._take(reading, form, until_ns)
+                    link.late.clear()
+            else:  # an answer to an earlier question counts with its age
+                answer = requester.answer(until_ns)
+                if self._asked is None:
+                    self._note_late(answer)
+                accepted = self._accepted(self._owner, form.question, answer) and reading.asks(form)
+                if not (accepted and answer and reading.take(answer.data, requester.sent_ns, requester.arrived_ns)):
+                    link.missing += 1
             if at < last:
                 self._asked = self._ask(present[at + 1])
         # Octets that were no answers may be a command of another master.
@@ -240,10 +246,10 @@ class Turns:
 
     def _ask(self, reading: Reading) -> Question | None:
         """Ask a unit, and return the question; None when nothing can be asked now."""
-        link, octets = reading.link, b""
-        set_point, late = link.set_point, link.late
         if self._requester.outstanding is not None:
             return None
+        link, octets = reading.link, self._nothing
+        set_point, late = link.set_point, link.late
         if not (reading.writing and set_point.waiting):
             form = reading.alone
             if form is None or form.question.function in late:
@@ -268,19 +274,6 @@ class Turns:
         self._take_late(form, until_ns)
         if until_ns - self._requester.clock.now_ns() >= reading.times.whole_ns:
             self._asked = self._ask(reading)
-
-    def _take(self, reading: Reading, form: FrameForm, until_ns: int) -> None:
-        """Take an answer, or note that none came; an answer to an earlier question counts with its age."""
-        link, requester = reading.link, self._requester
-        answer = requester.answer(until_ns)
-        if self._asked is None:
-            self._note_late(answer)
-        accepted = self._accepted(self._owner, form.question, answer) and reading.asks(form)
-        sent_ns = requester.sent_ns
-        if not accepted or answer is None or not reading.take(answer.data, sent_ns):
-            link.missing += 1
-        elif reading.latches:
-            link.latch_ns = reading.latched(sent_ns, requester.arrived_ns)
 
     def _accepted(self, link: UnitLink, asked: Question, answer: Answer | None) -> bool:
         """Note the state of the unit from an answer; False without an answer, and for an exception."""

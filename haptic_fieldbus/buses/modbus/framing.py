@@ -134,7 +134,7 @@ class Framing:
         """Return the form of a question, with the values that it has now."""
         return FrameForm(question, self._framer.buildFrame(question.pdu()), serial=self._serial)
 
-    def fill(self, form: FrameForm, values: bytes = b"") -> bytearray:
+    def fill(self, form: FrameForm, values: bytes | bytearray = b"") -> bytearray:
         """Return the frame of a form, with other octets of the values that are written; answers belong to it now."""
         frame = form.frame
         if values:

@@ -33,10 +33,11 @@ class StoredSetPoint:
         self._unit = traffic.unit
         self._start, self._middle = start, start + 2 * traffic.set_point.count
         self._end = start + 2 * sum(block.count for block in self.blocks)
-        self._octets = self._command = b""
-        self._commanded = b""
+        self._octets: bytes | bytearray = b""
+        self._command: bytes | bytearray = b""
+        self._commanded: bytes | bytearray = b""
         """Octets of the command that the drive has answered last."""
-        self._sent = b""
+        self._sent: bytes | bytearray = b""
         """Octets of the command that is under way; none while it is not."""
 
     def forget(self) -> None:
@@ -45,9 +46,9 @@ class StoredSetPoint:
 
     def store(self, image: bytes | bytearray) -> None:
         """Take over the part of this axis; an earlier one that was not sent is dropped."""
-        self._octets = bytes(image[self._start : self._middle])
+        self._octets = image[self._start : self._middle]
         if self._end > self._middle:
-            self._command = bytes(image[self._middle : self._end])
+            self._command = image[self._middle : self._end]
         self.waiting = True
 
     def writing(self, block: Block) -> Question:
@@ -60,7 +61,7 @@ class StoredSetPoint:
         """Return the request that writes a block, all zeros, and then reads one."""
         return Question(self._unit, READ_WRITE, read.address, read.count, (0,) * block.count, block.address)
 
-    def take(self) -> tuple[int, bytes]:
+    def take(self) -> tuple[int, bytes | bytearray]:
         """Return the block to write now, and its octets."""
         self.waiting = False
         if self._command and self._command != self._commanded:
@@ -97,6 +98,7 @@ class UnitLink:
         self.latch_ns = 0
         """Instant at which the drive latched the motion of this exchange, or should have [ns]."""
         self.missing = 0
+        """Number of requests of this exchange without an answer."""
         self.late: set[int] = set()
         """Functions whose answers have stayed away, and may still come."""
         self._header, self._image, self._should_ns = header, image, latch_ns
@@ -108,10 +110,6 @@ class UnitLink:
         self._latched_ns = self._code = None
         self.late.clear()
         self.set_point.forget()
-
-    def begin(self) -> None:
-        """Begin an exchange."""
-        self.missing = 0
 
     def refused(self, code: int) -> None:
         """Note an exception, for the header of the next exchange that ends."""
@@ -147,6 +145,7 @@ class Reading:
         self.writing: tuple[FrameForm, ...] = ()
         """Forms that write each block of the set-point first; none where they have requests of their own."""
         self._image = image
+        self._executed_ns, self._answer_ns = times.executed_ns, times.answer_ns
         self._copies = _joined(block, offsets)
         self._wide = tuple(
             WideValue(mapped.order is Order.BIG_LOW_WORD_FIRST, start)
@@ -158,28 +157,27 @@ class Reading:
         """Return True for a form of this request."""
         return form is self.alone or form in self.writing
 
-    def take(self, data: bytes, sent_ns: int) -> bool:
-        """Copy the registers into the image; False when they are torn, and dropped. `sent_ns` is of the question."""
+    def take(self, data: bytes, sent_ns: int, arrived_ns: int) -> bool:
+        """Copy the registers into the image, and note when the drive latched; False when they are torn, and dropped.
+
+        `sent_ns` and `arrived_ns` are of question and answer. The drive latched at the nominal instant, unless the
+        answer came before its time: then the way back is counted from its arrival.
+        """
         for wide in self._wide:
             if wide.torn(data, sent_ns):
                 self.link.torn += 1
                 return False
         for place, start, end in self._copies:
             self._image[place : place + end - start] = data[start:end]
+        if self.latches:
+            latched_ns, latest_ns = sent_ns + self._executed_ns, arrived_ns - self._answer_ns
+            self.link.latch_ns = latched_ns if latched_ns <= latest_ns else max(sent_ns, latest_ns)
         return True
 
     def forget(self) -> None:
         """Forget what was read: until the first answer, an old statusword would count as the present one."""
         for place, start, end in self._copies:
             self._image[place : place + end - start] = bytes(end - start)
-
-    def latched(self, sent_ns: int, arrived_ns: int) -> int:
-        """Return the instant at which the drive latched [ns].
-
-        It is the nominal one, unless the answer came before its time: then the way back is counted from its arrival.
-        """
-        nominal_ns, latest_ns = sent_ns + self.times.executed_ns, arrived_ns - self.times.answer_ns
-        return nominal_ns if nominal_ns <= latest_ns else max(sent_ns, latest_ns)
 
 
 class TargetReading(Reading):
@@ -193,10 +191,10 @@ class TargetReading(Reading):
         """Begin a period, in which no value has come yet."""
         self._image[self._came] = b"\0\0"
 
-    def take(self, data: bytes, sent_ns: int) -> bool:
+    def take(self, data: bytes, sent_ns: int, arrived_ns: int) -> bool:
         """Copy the target torque into the image, and note that it came in this period."""
         self._image[self._came] = b"\0\1"
-        return super().take(data, sent_ns)
+        return super().take(data, sent_ns, arrived_ns)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Requester:
         """Send a question; raises BusError when the line is dead."""
         self.send(self.form(question))
 
-    def send(self, form: FrameForm, values: bytes = b"") -> None:
+    def send(self, form: FrameForm, values: bytes | bytearray = b"") -> None:
         """Send the request of `form`; `values` replaces the octets of its written values.
 
         On a serial line, octets that were received before are dropped first. TCP has transaction ids that identify late
@@ -92,7 +92,9 @@ class Requester:
             if not (self._gathered or self._echo):
                 data = self._framing.data_of(octets)
                 if data is not None:  # the usual case: all of the answer at once, and nothing else
-                    return self._arrived(Answer(data))
+                    self.outstanding, self.arrived_ns = None, self._now_ns()
+                    self._free_ns = self.arrived_ns + self.silence_ns
+                    return Answer(data)
             self._gathered += octets
             answer = self._taken()
             if answer is not None:

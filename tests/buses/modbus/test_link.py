@@ -89,7 +89,7 @@ def test_an_age_that_the_header_cannot_hold_is_the_largest_one() -> None:
     (member,) = traffic.members
     link = UnitLink(1, StoredSetPoint(traffic.of("handle"), member.profile.line, 0), 0, image, 0)
     for stood_ns in (LARGEST_AGE_NS - 1, LARGEST_AGE_NS, LARGEST_AGE_NS + 1, 10**12, -5):
-        link.begin()
+        link.missing = 0
         link.latch_ns = 0
         link.finish(stood_ns, 0, None)
         age_ns, flags, _ = AXIS_HEADER.unpack_from(image)
