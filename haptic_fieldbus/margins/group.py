@@ -26,7 +26,7 @@ from haptic_fieldbus.margins.limit import (
     neighbours,
     suggest,
 )
-from haptic_fieldbus.margins.linear import ROUNDING, SCAN_FACTOR, EnvironmentOf
+from haptic_fieldbus.margins.linear import ROUNDING, SCAN_FACTOR, EnvironmentOf, crossing
 from haptic_fieldbus.margins.plant import Basis, Plant, Ranges, exact_bench, weakened
 from haptic_fieldbus.margins.resting_points import AxisElements, axis_elements
 from haptic_fieldbus.margins.stiffness_map import EVERYWHERE, stated_law
@@ -39,6 +39,8 @@ from haptic_fieldbus.signals import Signal
 if TYPE_CHECKING:
     from haptic_fieldbus.margins.bodies import HungBody
 
+WINDOW, WINDOWS = 0.93, 43
+"""Ratio of stiffnesses that are tried beside virtual masses, and how many: down to 0.044 of the limit."""
 LOWER, MANY_LOWER = (1.0, 0.6, 0.2), tuple(0.6**number for number in range(7))
 """Stiffnesses at which a corner is checked before its limit is computed, as shares of the smallest limit so far; the
 second ones beside virtual masses."""
@@ -179,6 +181,8 @@ class Group:
             return Limit(0.0 if grown else math.inf, basis)
         found, at = least(((values, self._at(values)) for values in corners(ranges, delays)), lower)
         before = math.inf
+        if self._has_masses and not self.couplings and 0.0 < found < math.inf:
+            found, at = least_window([(values, self._at(values)) for values in corners(ranges, delays)], found, at)
         # Springs alone between free handles have no worst corner for each axis of its own.
         is_more = any(member.elements or member.bodies for member in self.members)
         may_differ = is_more or any(Signal.VELOCITY in each.needs for each in self.couplings)
@@ -214,6 +218,12 @@ class Group:
     def bears(self, stiffness: float) -> bool:
         """Return whether the group is stable with this stiffness of the stiffest [N/m or N·m/rad]."""
         return self.loop.bears(self.environment(stiffness=stiffness))
+
+    def crossing(self, low: float, high: float) -> float:
+        """Return the stiffness between these at which the group begins to grow; it grows at `high`, not at `low`."""
+        return crossing(
+            lambda stiffness: self.loop.growth(self.environment(stiffness=stiffness)) - 1.0, low, high, PRECISION
+        )
 
     def further_age(self, most: float) -> float:
         """Return the largest additional age of all forces in a stable loop [s], to 2 %; at most `most`.
@@ -347,6 +357,22 @@ class Group:
 
     def _varied(self, **changes: float) -> EnvironmentOf:
         return lambda stiffness: self.environment(stiffness=stiffness, **changes)
+
+
+def least_window(
+    loops: Sequence[tuple[tuple[Values, ...], Group]], limit: float, at: tuple[Values, ...]
+) -> tuple[float, tuple[Values, ...]]:
+    """Return the smallest stiffness below `limit` from which on one of these loops grows, and its values.
+
+    A loop with a virtual mass may grow in a window of stiffnesses alone. Stiffnesses of a dense row are tried, each
+    with all loops. Without growth `limit` and `at` are returned.
+    """
+    row = [limit * WINDOW**number for number in range(WINDOWS, -1, -1)]
+    for low, stiffness in zip([0.0, *row], row, strict=False):
+        grown = [(values, loop) for values, loop in loops if not loop.bears(stiffness)]
+        if grown:
+            return min(((loop.crossing(low, stiffness), values) for values, loop in grown), key=lambda pair: pair[0])
+    return limit, at
 
 
 def least(

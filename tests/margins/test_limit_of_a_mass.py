@@ -16,20 +16,26 @@ from tests.loops import Array
 PERIOD = 2e-3
 
 
-def mass_step(stiffness: float, mass: float, damping: float) -> tuple[Array, ...]:
-    """Return (A, B, C, D) of a sprung mass by the trapezoid: (position, velocity of the handle) → force on it."""
+SCIPY = {"trapezoidal": "bilinear", "exact-foh": "foh"}
+"""Names of discretisations in scipy."""
+
+
+def mass_step(stiffness: float, mass: float, damping: float, method: str = "trapezoidal") -> tuple[Array, ...]:
+    """Return (A, B, C, D) of a sprung mass by a method: (position, velocity of the handle) → force on it."""
     a = np.array([[0.0, 1.0], [-stiffness / mass, -damping / mass]])
     b = np.array([[0.0, 0.0], [stiffness / mass, damping / mass]])
     c, d = np.array([[stiffness, damping]]), np.array([[-stiffness, -damping]])
-    return tuple(scipy.signal.cont2discrete((a, b, c, d), PERIOD, method="bilinear")[:4])
+    return tuple(scipy.signal.cont2discrete((a, b, c, d), PERIOD, method=SCIPY[method])[:4])
 
 
-def growth(plant: Plant, delay: float, element: tuple[float, float, float], spring: float = 0.0) -> float:
+def growth(
+    plant: Plant, delay: float, element: tuple[float, float, float], spring: float = 0.0, method: str = "trapezoidal"
+) -> float:
     """Return the spectral radius; states x, v, f, x before, the mass, forces.
 
     Without a `spring` to the ground the eigenvalue 1 of a shift is left out.
     """
-    a, b, c, d = mass_step(*element)
+    a, b, c, d = mass_step(*element, method)
     whole = math.floor(delay / PERIOD)
     rest, size = delay - whole * PERIOD, 7 + whole
     system = np.zeros((4, 4))
@@ -70,6 +76,31 @@ def test_no_value_in_the_ranges_grows_below_the_limit(
     assert growth(*at, (stiffness, mass, damping)) > 1.002
     assert growth(*at, (50.0, mass, damping)) < 1.0
     assert 50.0 < Group((member,), (), PERIOD).limit_over_ranges().value < stiffness
+
+
+@pytest.mark.parametrize(
+    ("plant", "delays", "mass", "damping", "at", "stiffness", "once"),
+    [
+        (Plant(0.066900, 0.186114, torque_lag=0.812533e-3), (1.598486e-3, 3.040454e-3), 2.853604e-3, 0.869896,
+         (Plant(0.053520, 0.093057, torque_lag=0.406267e-3), 3.040454e-3), 128_900.0, 271_900.0),
+        (Plant(0.182384, 7.476228, torque_lag=0.126493e-3), (1.781518e-3, 3.399082e-3), 2.155972e-3, 0.272402,
+         (Plant(0.145907, 3.738114, torque_lag=0.063246e-3), 1.781518e-3), 335_000.0, 745_900.0),
+    ],
+)  # fmt: skip
+def test_a_narrow_window_of_stiffness_in_which_a_mass_grows_is_found(
+    plant: Plant, delays: tuple[float, float], mass: float, damping: float, at: tuple[Plant, float], stiffness: float,
+    once: float,
+) -> None:  # fmt: skip
+    """It is a tenth wide; `once` the limit lay above it, where the loop with these values is stable again."""
+    radii = [growth(*at, (share * stiffness, mass, damping), method="exact-foh") for share in (0.9, 1.0, 1.15)]
+    assert max(radii[0], radii[2]) < 1.0
+    assert radii[1] > 1.005
+    ranges, element = (
+        Ranges((0.5 * plant.torque_lag, 1.4 * plant.torque_lag), delays),
+        DampedSprungMass("a", 1.0, mass, damping),
+    )
+    member = Member("a", plant, delays[0], (element,), "exact-foh", "backward-difference", ranges=ranges)
+    assert 0.9 * stiffness < Group((member,), (), PERIOD).limit_over_ranges().value < stiffness < once
 
 
 def test_every_slope_of_a_texture_counts_beside_a_virtual_mass() -> None:
