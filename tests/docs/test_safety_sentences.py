@@ -120,6 +120,7 @@ TESTS: dict[int, dict[str, str]] = {
         "never gets torque": "tests/running/test_loop.py::"
         "test_a_drive_that_enables_itself_before_it_is_commanded_gets_no_torque",
     },
+    94: {},
 }  # fmt: skip
 """By the number of the decision and a part of the sentence; a decision without such a sentence has none yet."""
 
