@@ -82,6 +82,7 @@ def provenance_of(
         conditions=conditions,
         bus=hidden(bus),
         simulated=plan.simulated,
+        rehearsed=any(section.rehearsed for section in plan.rig.bus.values()),
     )
     if repeats is not None:
         scene, rig = cast(RunText, repeats.scene), repeats.rig

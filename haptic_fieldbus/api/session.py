@@ -9,7 +9,7 @@ late loop skips periods and trips as any other. The error and the warnings of th
 import math
 import sys
 from collections import namedtuple
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -100,10 +100,12 @@ def effort_scene(
     """Return the scene of one axis whose force is a function; raises TypeError or UsageError."""
     if not callable(effort):
         raise wrong_kind("session() effort", "a function of the feedback", effort)
-    if isinstance(needs, str) or not needs or not set(needs) <= set(SIGNALS) or len(set(needs)) < len(needs):
+    known = isinstance(needs, Collection) and all(each in [*SIGNALS] for each in needs)
+    if not known or not needs or len({*needs}) < len(needs):
         raise wrong_kind("session() needs", f"some of {', '.join(SIGNALS)}, each once", needs)
+    is_number = KINDS["damping"][1]
     for name, value in (("stiffness", stiffness), ("damping", damping)):
-        if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+        if value is not None and not (is_number(value) and 0.0 <= value < math.inf):
             raise wrong_kind(f"session() {name}", "a number of 0 or more", value)
     if rig is not None and not KINDS["rig"][1](rig):
         raise wrong_kind("session() rig", KINDS["rig"][0], rig)
@@ -307,7 +309,8 @@ class LiveSession:
             if isinstance(error, StopIteration):  # no generator passes one on
                 return False
             if error is None or isinstance(error, GeneratorExit):
-                self.result = finished(steps)
+                if not sys.is_finalizing():  # nothing can be imported then, and nobody can ask for the result
+                    self.result = finished(steps)
                 return False
             steps.throw(error)
         except StopIteration as end:  # a signal, after which the run has a result

@@ -10,7 +10,7 @@ import math
 import os
 import re
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -127,6 +127,12 @@ class SweepPoints:
     def _draws_whole(self, name: str) -> bool:
         return name in self.whole and all(type(end) is int for end in self.values[name][:2])
 
+    @property
+    def varied_numbers(self) -> tuple[str, ...]:
+        """Parameters with several values, all of them numbers: those that a picture has axes of."""
+        numbers = [name for name, kind in self.types.items() if kind in ("int64", "double", "float64")]
+        return tuple(name for name in numbers if self.count > 1 and len({*self.values[name]}) > 1)
+
     @cached_property
     def types(self) -> dict[str, str]:
         """Types of the columns of Arrow: whole numbers, numbers, truth values, or texts for everything else."""
@@ -164,7 +170,8 @@ def _values(name: str, given: Any) -> tuple[Value, ...]:
     """Return the values of a parameter as plain numbers, texts, True and False; raises TypeError for others."""
     if not isinstance(name, str) or not name:
         raise wrong_kind("points", "the name of a parameter, such as wall.stiffness", name)
-    if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+    # The order of a set is another one in each process, so its points could not be gone on with.
+    if isinstance(given, str | bytes | Mapping | Set) or not isinstance(given, Iterable):
         raise wrong_kind(f"points: {name}", "a list of values", given)
     if isinstance(given, Sized) and len(given) > LONGEST_LIST:
         raise UsageError(f"points: {name}: {len(given)} values; expected at most {LONGEST_LIST}")

@@ -19,7 +19,7 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.screen import moving_bar, show_result
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
-from haptic_fieldbus.errors import raise_all
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import percent, rounded
 
 if TYPE_CHECKING:
@@ -71,17 +71,23 @@ def sweep(options: SweepOptions) -> None:
     The same command goes on with a folder whose rows are not complete. Refusals and trips are rows.
     """
     check_plot(options.plot)
-    points = parse_grid(options.grid or [], options.sample)
+    given = parse_grid(options.grid or [], options.sample)
     from haptic_fieldbus.api import Trial
     from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.api.sweep_folder import SweepPoints
     from haptic_fieldbus.api.sweeping import SweepRequest, sweep_task
 
-    task, trial = options.task(), options.given(Trial)
+    task, trial, asked = options.task(), options.given(Trial), options.given(SweepRequest)
+    asked.check()
+    try:
+        points = SweepPoints.of(given, options.sample, options.seed)
+    except TypeError as error:  # a text where a number belongs
+        raise UsageError(str(error).replace("points: ", "--grid ")) from None
+    if options.plot is not None and not points.varied_numbers:
+        raise UsageError("--plot: nothing to draw: no parameter with numbers is varied")
     with moving_bar("{task.completed} of {task.total} points") as update:
-        asked = replace(options.given(SweepRequest), progress=lambda done, total: update(completed=done, total=total))
-        asked.check()
-        found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
+        asked = replace(asked, progress=lambda done, total: update(completed=done, total=total))
+        found = sweep_task(task, trial, points, asked)
     if options.plot is not None:
         draw(options.plot, found.plot(), picture_mark(task))
     told = {name: getattr(found, name) for name in TOLD} | {"out": found.path}

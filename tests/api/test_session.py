@@ -5,6 +5,7 @@ import math
 import os
 import re
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +15,7 @@ from threading import enumerate as enumerate_threads
 from types import CodeType, FrameType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus import (
@@ -337,6 +339,9 @@ def test_not_a_number_and_an_error_trip() -> None:
         ({"scene": "wall", "effort": spring}, UsageError, "either a scene or effort="),
         ({"effort": 3}, TypeError, "session() effort: expected a function"),
         ({"effort": spring, "needs": ("speed",)}, TypeError, "session() needs: expected some of position, velocity"),
+        ({"effort": spring, "needs": 5}, TypeError, "session() needs: expected some of position, velocity"),
+        ({"effort": spring, "needs": [["position"]]}, TypeError, "session() needs: expected some of position"),
+        ({"effort": spring, "stiffness": True}, TypeError, "session() stiffness: expected a number of 0 or more"),
         ({"effort": spring, "stiffness": -1.0}, TypeError, "session() stiffness: expected a number of 0 or more"),
         ({"scene": "wall", "duration": "1"}, TypeError, "session() duration: expected a number in s"),
     ],
@@ -344,6 +349,34 @@ def test_not_a_number_and_an_error_trip() -> None:
 def test_wrong_arguments_are_named(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=re.escape(message)):
         session(**arguments)
+
+
+def test_an_effort_declares_numbers_of_numpy_too() -> None:
+    figures: dict[str, Any] = {"stiffness": np.int64(100), "damping": np.float64(1.0)}
+    with session(effort=spring, needs=("position", "velocity"), duration=0.01, **figures) as live:
+        list(live)
+
+
+LEAKS = """
+from haptic_fieldbus import session
+
+def states():
+    with session("wall", record={record!r}) as live:
+        yield from live
+
+left = states()
+while next(left).time < 1.3:
+    pass
+"""
+"""Program that ends with a session open, in contact."""
+
+
+def test_a_session_that_is_open_when_the_interpreter_ends_is_torque_free_and_says_nothing(tmp_path: Path) -> None:
+    record = tmp_path / "a.log"
+    program = LEAKS.format(record=str(record))
+    ended = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ends_torque_free(record)
 
 
 def test_a_function_renders_the_only_axis_of_a_rig(tmp_path: Path) -> None:

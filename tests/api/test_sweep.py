@@ -273,6 +273,7 @@ def test_what_no_point_could_have_is_refused_before_anything_is_computed(
         ("wall.stiffness", "points: expected a mapping"),
         ({"wall.stiffness": "600"}, "points: wall.stiffness: expected a list of values"),
         ({"wall.stiffness": [None]}, "points: wall.stiffness: expected a number"),
+        ({"method": {"rk4", "verlet"}}, "points: method: expected a list of values"),
         ({1: [1.0]}, "expected the name of a parameter"),
         ({"wall.stiffness": [2**80]}, "points: wall.stiffness: expected a number"),
         ({"wall.stiffness": np.ones((2, 2))}, "points: wall.stiffness: expected a number"),

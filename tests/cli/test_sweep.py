@@ -71,6 +71,10 @@ def test_a_sample_of_whole_numbers_is_whole(command: Command, tmp_path: Path) ->
         (("--grid", "wall.stifness=1,2"), 'no parameter "stifness" of wall'),
         (("--grid", "rate=500", "--engine", "quick"), 'engine "quick": expected verdict'),
         (("--grid", "rate=500", "--plot", "x.gif"), "the suffix must be one of"),
+        (("--grid", "rate=fast"), "--grid rate: expected a number in Hz, not 'fast'"),
+        (("--grid", "seed=1,2.5", "--engine", "full"), "--grid seed: expected a whole number, not 2.5"),
+        (("--grid", "wall.side=positive,negative", "--plot", "x.png"), "--plot: nothing to draw"),
+        (("--grid", "rate=500:1000", "--sample", "1", "--plot", "x.png"), "--plot: nothing to draw"),
     ],
     ids=str,
 )
