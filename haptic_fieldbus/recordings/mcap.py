@@ -136,7 +136,7 @@ def read_mcap(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str
     if not told:
         raise UsageError(f"{path}: no MCAP file of a run, or cut off before its first chunk")
     try:
-        columns, units = json.loads(told.get("columns", "[]")), json.loads(told.get("units", "{}"))
+        columns, units = json.loads(told.get("columns", "[]")), dict(json.loads(told.get("units", "{}")))
         fields = [(str(n), [("tag", f"V{len(tag)}"), ("value", "<f8")]) for n, tag in enumerate(_tags(len(columns)))]
         table = np.frombuffer(b"".join(messages), np.dtype(fields))
     except ValueError as error:

@@ -209,8 +209,12 @@ class RecordedRun:
         elif suffix == ".mcap":
             text = "" if self.provenance is None else self.provenance.text()
             file = McapFile(path, list(self.columns), self.units, text, cut=not self.complete)
-            for first in range(0, len(table), 1000):
-                file.take(table[first : first + 1000].tobytes())
+            try:
+                for first in range(0, len(table), 1000):
+                    file.take(table[first : first + 1000].tobytes())
+            except BaseException:
+                file.close(None)
+                raise
             file.close(text)
         else:
             written, cut = self.to_arrow(), {} if self.complete else {CUT: "true"}
@@ -260,9 +264,7 @@ def _csv(path: Path) -> RecordedRun:
                 raise UsageError(f'{path}: line {place}: "{line[:40]}"; {expected} between commas')
         raise ValueError(f"{expected} in a line")
     columns = {name: table[:, place] for place, name in enumerate(names)}
-    with np.errstate(invalid="ignore"):
-        rising = np.isfinite(table[:, 0]) & (np.diff(table[:, 0], prepend=-np.inf) > 0.0)
-    check_rows(path, "t_ns", columns["t_ns"], rising, "a finite time, later than that of the row before")
+    _check_times(path, columns["t_ns"])
     return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
 
 
@@ -281,11 +283,19 @@ def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.b
         raise UsageError(f"{path}: row {row + 2}, column {column}: {values[row]:g}; expected {expected}")
 
 
+def _check_times(path: Path, times: NDArray[np.float64]) -> None:
+    """Raise UsageError for the first time that is not later than the one before."""
+    with np.errstate(invalid="ignore"):
+        rising = np.isfinite(times) & (np.diff(times, prepend=-np.inf) > 0.0)
+    check_rows(path, "t_ns", times, rising, "a finite time, later than that of the row before")
+
+
 def _held(path: Path) -> RecordedRun:
     """Return the rows of a file that holds its provenance."""
     columns, units, text, complete = HOLDERS[path.suffix](path)
     if "t_ns" not in columns:
         raise UsageError(f"{path}: no recording of a run: it has no column t_ns")
+    _check_times(path, columns["t_ns"])
     return RecordedRun(path, {**columns}, units, checked(json.loads(text), path) if text else None, complete)
 
 

@@ -1,6 +1,7 @@
 """The provenance of a run, in every file that holds it, and the run again that it describes."""
 
 import json
+import math
 import os
 import platform
 import re
@@ -15,7 +16,16 @@ from typing import Any, cast
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
+from haptic_fieldbus import (
+    HapticFieldbusError,
+    Provenance,
+    UsageError,
+    compare_recording,
+    read_provenance,
+    read_recording,
+    repeat,
+    run,
+)
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api import provenance as gathering
 from haptic_fieldbus.api.rehearsal import rehearsal
@@ -35,7 +45,6 @@ from haptic_fieldbus.recordings.provenance import (
     without_secrets,
     write_beside,
 )
-from haptic_fieldbus.recordings.reading import read_recording
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
 
@@ -403,6 +412,27 @@ def test_every_command_that_draws_is_tried() -> None:
     commands = [cast(Any, each.callback) for each in application().registered_commands]
     drawing = {each.__name__ for each in commands if "plot" in signature(each).parameters}
     assert drawing == {*WORDS, "run", "rehearse", "identify", "certify"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rate": 0.0}, "rate 0: expected a rate above 0"),
+        ({"rate": math.nan}, "rate nan: expected a rate above 0"),
+        ({"fade_in": 0.0}, "fade-in 0 s: expected"),
+        ({"changes": ((0.005, {"wall.stiffness": 300.0}),), "ramp": 1e308}, "ramp 1e308: expected a time above 0 s"),
+    ],
+    ids=str,
+)
+def test_conditions_that_no_run_had_are_neither_repeated_nor_compared(
+    change: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    found = run("wall", duration=0.01, record=tmp_path / "a.csv").provenance
+    assert found is not None
+    write_beside(tmp_path / "a.csv", replace(found, conditions=replace(found.conditions, **change)))
+    for again in (repeat, compare_recording):
+        with pytest.raises(UsageError, match=words):
+            again(tmp_path / "a.csv")
 
 
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:

@@ -433,6 +433,15 @@ def test_a_table_that_is_no_recording_names_row_and_column(text: str, words: str
         read_recording(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize("times", [[0.0, 2.0, 1.0], [0.0, 1.0, 1.0]], ids=str)
+@pytest.mark.parametrize("suffix", [".mcap", ".parquet"])
+def test_rows_of_any_format_have_rising_times(suffix: str, times: list[float], tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    RecordedRun(path, {"t_ns": np.array(times)}, {}, None, complete=True).write(path)
+    with pytest.raises(UsageError, match=r"column t_ns: 1; expected a finite time, later than"):
+        read_recording(path)
+
+
 def test_a_table_of_another_program_is_read_with_its_mark_and_its_ends_of_lines(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbft_ns,handle.position\r\n0,2\r\n1000000,3\r\n")
     found = read_recording(tmp_path / "a.csv")
