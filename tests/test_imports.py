@@ -72,7 +72,7 @@ DOES_WITHOUT = {
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units protocols.catalogue running.rights sim.host_request sim.faults",
         "cli.vcan": "vcan.runner",
-        "running.ending": "assessing.result",
+        "running.ending": "assessing.result planning.request",
     },
     "import haptic_fieldbus.pytest_plugin": {
         "pytest_plugin": "errors sim.modbus.drives testing testing.modbus",

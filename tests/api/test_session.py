@@ -149,6 +149,8 @@ def test_however_the_block_is_left_the_drive_is_torque_free(
     assert live.result is not None
     assert live.result.cycles in (21, 22)
     assert (live.result.stopped is not None) == (leave is by_a_signal)
+    if live.result.stopped is not None:
+        assert live.result.stopped.message == "stopped by you at 0.0 s"
     with pytest.raises(StopIteration):
         next(live)
     repeat(tmp_path / "a.log", record=tmp_path / "b.log")
