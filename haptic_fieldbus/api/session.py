@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 from haptic_fieldbus.api import Trial, prepare_run
-from haptic_fieldbus.api.arguments import KINDS, asked_of
+from haptic_fieldbus.api.arguments import KINDS, asked_of, check_values
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import PowerState
@@ -98,8 +98,6 @@ def effort_scene(
     stiffness: float | None, damping: float | None,
 ) -> Scene:  # fmt: skip
     """Return the scene of one axis whose force is a function; raises TypeError or UsageError."""
-    if not callable(effort):
-        raise wrong_kind("session() effort", "a function of the feedback", effort)
     known = isinstance(needs, Collection) and all(each in [*SIGNALS] for each in needs)
     if not known or not needs or len({*needs}) < len(needs):
         raise wrong_kind("session() needs", f"some of {', '.join(SIGNALS)}, each once", needs)
@@ -107,8 +105,6 @@ def effort_scene(
     for name, value in (("stiffness", stiffness), ("damping", damping)):
         if value is not None and not (is_number(value) and 0.0 <= value < math.inf):
             raise wrong_kind(f"session() {name}", "a number of 0 or more", value)
-    if rig is not None and not KINDS["rig"][1](rig):
-        raise wrong_kind("session() rig", KINDS["rig"][0], rig)
     found = load_rig(rig, profiles) if isinstance(rig, str | Path) else rig
     axis, *others = ["handle"] if found is None else found.axis
     if others:
@@ -368,8 +364,8 @@ def session(
         raise UsageError("session() takes either a scene or effort=")
     if scene is not None and (stiffness is not None or damping is not None or needs != ("position",)):
         raise UsageError("session() stiffness, damping, needs: only with effort=; use settings= for those of a scene")
-    if not isinstance(yes, bool):
-        raise wrong_kind("session() yes", "True or False", yes)
+    given = {"yes": yes, "effort": effort, "rig": rig}
+    check_values("session", ((name, value) for name, value in given.items() if value is not None))
     share = math.inf
     if effort is not None:
         scene = effort_scene(effort, needs, rig, profiles, stiffness, damping)
