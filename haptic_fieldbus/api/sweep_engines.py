@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import NUMBERS, Columns, Rows, Value, is_value, python_value
+from haptic_fieldbus.api.sweep_folder import NUMBERS, OUTCOMES, Columns, Rows, Value, is_value, python_value
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -67,8 +67,7 @@ OF_TRIAL = ("hand", "seed", "duration", "fade_in")
 """Parameters without a dot: those of any point, and those of a whole run alone."""
 RIG = "rig."
 """In front of a parameter of the rig, such as rig.handle.viscous_damping."""
-DONE, REFUSED, TRIPPED = "done", "refused", "tripped"
-"""Outcomes of a point."""
+DONE, REFUSED, TRIPPED = OUTCOMES
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,16 @@ any moment goes on with the chunks that are missing when it is asked for again; 
 import json
 import math
 import os
+import platform
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,6 +38,8 @@ Columns = Mapping[str, Sequence[Value]]
 """Values of some points by the name of the parameter."""
 Rows = dict[str, list[Any]]
 """Figures of these points by their name; None for one that a point does not have."""
+OUTCOMES = ("done", "refused", "tripped")
+"""Outcomes of a point."""
 TEXTS = ("outcome", "message", "verdict", "trip")
 NUMBERS = (
     "growth", "damping_share", "peak", "last", "error_rms", "error_max", "error_in_contact", "energy_generated_j",
@@ -204,8 +208,10 @@ METADATA = b"haptic_fieldbus.sweep"
 """Key of the metadata of each Parquet file, whose value is the digest of the inputs."""
 
 
-_LEFT = re.compile(rf"(?:{re.escape(MANIFEST)}|chunk-\d+\.parquet)\.(\d+)\.new")
-"""Name of a file of ours that is being written, with the number of its process."""
+HOST = re.sub(r"\W", "-", platform.node())
+"""Name of this computer or container in the name of a file: another one may have a process of the same number."""
+_LEFT = re.compile(rf"(?:{re.escape(MANIFEST)}|chunk-\d+\.parquet)\.(\d+)-{HOST}-\w+\.new")
+"""Name of a file that a process of this computer writes, with the number of the process."""
 
 
 def _is_alive(process: str) -> bool:
@@ -225,7 +231,7 @@ def _write_whole(path: Path, write: Callable[[Path], object], *, only_new: bool 
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path, f".{os.getpid()}.new") as new:
+        with replacing(path, f".{os.getpid()}-{HOST}-{token_hex(4)}.new") as new:
             write(new)
             with new.open("rb") as written:
                 os.fsync(written.fileno())
@@ -430,26 +436,33 @@ class Sweep:
         return figure
 
     @cached_property
-    def _counted(self) -> tuple[dict[str, int], int]:
-        """Number of points by outcome, and the number of those that are neither refused, tripped nor unstable."""
-        outcomes, stable = dict.fromkeys(("done", "refused", "tripped"), 0), 0
-        for table in self.tables(["outcome", *(name for name in ("verdict", "grew") if self.engine != "full")]):
-            for row in table.to_pylist():
-                outcomes[row["outcome"]] += 1
-                stable += row["outcome"] == "done" and row.get("verdict") != "unstable" and not row.get("grew")
-        return outcomes, stable
+    def _kinds(self) -> Counter[tuple[str, Any]]:
+        """Number of points by outcome, and by verdict or by whether the motion of the loop grew."""
+        names, found = ["outcome", {"verdict": "verdict", "loop": "grew"}.get(self.engine, "message")], Counter[Any]()
+        for table in self.tables(names):
+            found.update(zip(*(table[name].to_pylist() for name in names), strict=True))
+        return found
 
     @property
     def outcomes(self) -> dict[str, int]:
         """Number of points by their outcome."""
-        return self._counted[0]
+        return {name: sum(self._kinds[kind] for kind in self._kinds if kind[0] == name) for name in OUTCOMES}
 
     @property
     def stable_fraction(self) -> float | None:
-        """Share of the points that were not refused and are stable; of runs, that did not trip. None without any."""
-        outcomes, stable = self._counted
-        total = outcomes["done"] + outcomes["tripped"]
-        return stable / total if total else None
+        """Share of the points that were not refused and are stable, with a limit cycle or without; of runs, that did
+        not trip. None without any."""
+        return self._share(lambda kind: kind not in ("unstable", True))
+
+    @property
+    def limit_cycle_fraction(self) -> float | None:
+        """Share of the points that were not refused and are stable with a limit cycle. None without any."""
+        return self._share(lambda kind: kind == "limit-cycle")
+
+    def _share(self, counts: Callable[[Any], bool]) -> float | None:
+        judged = {kind: count for kind, count in self._kinds.items() if kind[0] != "refused"}
+        total = sum(judged.values())
+        return sum(judged[kind] for kind in judged if kind[0] == "done" and counts(kind[1])) / total if total else None
 
     @property
     def loop_steps_per_s(self) -> float | None:

@@ -106,7 +106,8 @@ def _lines(found: "Sweep") -> Iterator[tuple[str, str]]:
         yield name, f"{found.outcomes[name]}; first: {first}"
     if (share := found.stable_fraction) is not None:
         good = "untripped" if found.engine == "full" else "stable"
-        yield good, f"{percent(share)} of the points that were not refused"
+        cycles = f", {percent(found.limit_cycle_fraction)} with a limit cycle" if found.limit_cycle_fraction else ""
+        yield good, f"{percent(share)} of the points that were not refused{cycles}"
     yield "rows", str(found.path)
 
 

@@ -33,6 +33,14 @@ def test_the_rows_are_those_of_the_function(command: Command, tmp_path: Path) ->
     assert dict(printed(again.out))["points"].startswith("12, 12 of them before, in ")
 
 
+def test_limit_cycles_among_the_stable_points_are_told(command: Command, tmp_path: Path) -> None:
+    grid = ("--grid", "spring.stiffness=100,300,9000", "--grid", "rig.handle.coulomb_friction=0,0.002")
+    done = command("sweep", "spring", *grid, "--out", tmp_path / "rows", "--workers", 1)
+    assert dict(printed(done.out))["stable"] == "67 % of the points that were not refused, 33 % with a limit cycle"
+    found = Sweep.read(tmp_path / "rows")
+    assert (found.stable_fraction, found.limit_cycle_fraction) == (4 / 6, 2 / 6)
+
+
 def test_a_sample_and_refused_points_are_told(command: Command, tmp_path: Path) -> None:
     grid = ("--grid", "wall.stiffness=100:30000:log", "--grid", "rate=995:1005", "--sample", 9)
     done = command("sweep", "wall", *grid, "--seed", 3, "--out", tmp_path / "rows", "--json", "--workers", 1)
