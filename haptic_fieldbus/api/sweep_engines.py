@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import NUMBERS, OUTCOMES, Columns, Rows, Value, is_value, python_value
+from haptic_fieldbus.api.sweep_folder import NUMBERS, OUTCOMES, Columns, Rows, Value, is_value
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -47,7 +47,7 @@ from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.known_bench import as_stated
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
-from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.planning.selection import python_value, select
 from haptic_fieldbus.scenes.files import named
 from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.scene import Scene, axes_of

@@ -26,6 +26,7 @@ from haptic_fieldbus.api.arguments import KINDS
 from haptic_fieldbus.documents.edits import sync_folder
 from haptic_fieldbus.documents.safe_read import check_regular
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
+from haptic_fieldbus.planning.selection import python_value
 from haptic_fieldbus.recordings.provenance import digest, replacing
 
 if TYPE_CHECKING:
@@ -158,11 +159,6 @@ def column_of(values: Iterable[Any], kind: str | None = None) -> "pyarrow.Array"
         with suppress(pyarrow.ArrowInvalid, pyarrow.ArrowTypeError):
             return pyarrow.array(known, type=kind)
     return pyarrow.array([each if each is None else str(each) for each in known], type="string")
-
-
-def python_value(value: Any) -> Any:
-    """Return a number of NumPy, also in an array of its own, as one of Python; anything else as it is."""
-    return value.item() if hasattr(value, "item") and getattr(value, "size", 1) == 1 else value
 
 
 def is_value(value: object) -> bool:

@@ -1,7 +1,6 @@
 """Command `sweep`: many points of a scene, judged or run, into a folder."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -24,6 +23,7 @@ from haptic_fieldbus.numerals import percent, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.sweep_folder import Sweep
+    from haptic_fieldbus.scenes.catalogue import Setting
 
 POINTS = "Points"
 TOLD = ("points", "computed", "wall_s", "loop_steps_per_s", "stable_fraction", "outcomes")
@@ -130,13 +130,15 @@ def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
     return points
 
 
-def _values(text: str, *, drawn: bool) -> list[float | str]:
+def _values(text: str, *, drawn: bool) -> "list[Setting]":
     """Return the values of LO:HI:N or LO:HI:N:log, or those between commas; raises ValueError.
 
     Of values that are `drawn`, LO:HI or LO:HI:log, it is the range.
     """
+    from haptic_fieldbus.planning.selection import plain_value
+
     if text and ":" not in text and not drawn:
-        return [_plain_value(part.strip()) for part in text.split(",")]
+        return [plain_value(part.strip()) for part in text.split(",")]
     low, high, *words = text.split(":")
     number, *how = ("1", *words) if drawn else words
     count, ends = int(number), (float(low), float(high))
@@ -148,14 +150,6 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
     if not known or (how and not drawn and min(ends) <= 0.0):
         raise ValueError
     if drawn:
-        return [_plain_value(low), _plain_value(high), *how]
-    values: list[float | str] = (geomspace if how else linspace)(*ends, count).tolist()
+        return [plain_value(low.strip()), plain_value(high.strip()), *how]
+    values: list[Setting] = (geomspace if how else linspace)(*ends, count).tolist()
     return values
-
-
-def _plain_value(text: str) -> float | str:
-    """Return a whole number, a number, or the text itself."""
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return text
