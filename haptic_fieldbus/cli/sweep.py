@@ -113,19 +113,17 @@ def _lines(found: "Sweep") -> Iterator[tuple[str, str]]:
 
 def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
     """Return the values of each parameter, or with a sample its range; raises one UsageError for all faults."""
-    points: dict[str, Any] = {}
-    faults = [] if texts else ["no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50"]
-    drawn = sample is not None
-    expected = "NAME=LO:HI, or NAME=LO:HI:log" if drawn else "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2"
-    for text in texts:
-        name, _, given = (part.strip() for part in text.partition("="))
-        if name in points:
-            faults.append(f"--grid {name}: given twice")
-            continue
+    if not texts:
+        raise UsageError("no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50")
+    from haptic_fieldbus.planning.request import parse_pairs
+
+    points, faults = dict[str, Any](), list[str]()
+    expected = "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2" if sample is None else "NAME=LO:HI, or NAME=LO:HI:log"
+    for name, text in parse_pairs(texts, "--grid", expected).items():
         try:
-            points[name] = _values(name and given, drawn=drawn)
+            points[name] = _values(text, drawn=sample is not None)
         except ValueError:
-            faults.append(f'--grid "{text}": expected {expected}')
+            faults.append(f'--grid "{name}={text}": expected {expected}')
     raise_all(faults)
     return points
 
@@ -137,7 +135,7 @@ def _values(text: str, *, drawn: bool) -> "list[Setting]":
     """
     from haptic_fieldbus.planning.selection import plain_value
 
-    if text and ":" not in text and not drawn:
+    if ":" not in text and not drawn:
         return [plain_value(part.strip()) for part in text.split(",")]
     low, high, *words = text.split(":")
     number, *how = ("1", *words) if drawn else words
