@@ -204,6 +204,8 @@ def open_loop(task: Task, asked: OpenLoop) -> Response:
     }
     forces, states, radii = list[Array](), dict[str, Array](), list[float]()
     for element in elements:
+        if missing := [signal.value for signal in element.needs if signal not in signals]:
+            raise UsageError(f"element {element.name} needs {missing[0]}, which a prescribed motion does not have")
         with own_faults(element):
             force, own, radius = _answer(element, signals, motion.rest, period, method)
         forces.append(force)

@@ -300,6 +300,26 @@ def test_a_function_of_ones_own_is_rendered() -> None:
     assert live.result.verdict.startswith("Feels right")
 
 
+def test_a_function_of_the_torque_has_no_known_error_and_is_not_called_free_of_contact() -> None:
+    """It gets the torque of the drive in the workspace, which follows the set-point of the period before."""
+    felt: list[float] = []
+
+    def damped(feedback: Any) -> float:
+        felt.append(feedback.torque)
+        return -200.0 * feedback.position - 2.0 * feedback.velocity  # type: ignore[no-any-return]
+
+    needs = ("position", "velocity", "torque")
+    with session(effort=damped, needs=needs, stiffness=200.0, damping=2.0, duration=1.2) as live:
+        given = [state.given for state in live]
+    assert max(map(abs, given)) > 1.0
+    assert felt[-1000:] == pytest.approx(given[-1001:-1])
+    result = live.result
+    assert result is not None
+    assert result.torque_error is None
+    assert result.verdict == "Not judged: the scene uses the torque of the drive, so its ideal is unknown"
+    assert len(result.traces[0].times) == 1200
+
+
 def test_none_is_no_force() -> None:
     with session(effort=lambda feedback: None, duration=0.3, hand="none") as live:
         assert {state.given for state in live} == {0.0}
