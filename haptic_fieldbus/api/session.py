@@ -7,11 +7,12 @@ late loop skips periods and trips as any other. The error and the warnings of th
 """
 
 import math
+import pickle
 import sys
 from collections import namedtuple
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from threading import current_thread, get_native_id
@@ -91,6 +92,22 @@ class OwnEffort:
 
     def linearised(self) -> StateSpace:
         return gain([[-self.stiffness, -self.damping]])
+
+    def __deepcopy__(self, memo: object) -> "OwnEffort":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Send the function along with a result; another one where it cannot be sent, such as a lambda."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        try:
+            pickle.dumps(self.law)
+        except Exception:  # a foreign object may raise anything
+            values["law"] = _not_sent
+        return OwnEffort, tuple(values.values())
+
+
+def _not_sent(feedback: Any) -> float:
+    raise UsageError("the function of this effort stayed in its process: it is no function of a module")
 
 
 def effort_scene(

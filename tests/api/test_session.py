@@ -1,8 +1,10 @@
 """A session beside the run that it cuts open, and every way to leave it: torque-free."""
 
+import copy
 import dis
 import math
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -318,6 +320,24 @@ def test_a_function_of_the_torque_has_no_known_error_and_is_not_called_free_of_c
     assert result.torque_error is None
     assert result.verdict == "Not judged: the scene uses the torque of the drive, so its ideal is unknown"
     assert len(result.traces[0].times) == 1200
+
+
+def test_the_result_of_a_function_is_copied_and_sent_though_the_function_is_not() -> None:
+    with session(effort=lambda feedback: -100.0 * feedback.position, stiffness=100.0, duration=0.7) as live:
+        list(live)
+    result = live.result
+    assert result is not None
+    sent = pickle.loads(pickle.dumps(result))
+    assert sent.to_json() == result.to_json()
+    assert sent.plan.scene.elements[0].stiffness == 100.0
+    with pytest.raises(UsageError, match="the function of this effort stayed in its process"):
+        sent.plan.scene.elements[0].law(None)
+    copied = copy.deepcopy(result).plan
+    assert copied is not None
+    assert copied.scene.elements == result.plan.scene.elements  # type: ignore[union-attr]
+    with session(effort=spring, needs=("position", "velocity"), stiffness=200.0, damping=2.0, duration=0.01) as live:
+        list(live)
+    assert pickle.loads(pickle.dumps(live.result)).plan.scene.elements[0].law is spring
 
 
 def test_none_is_no_force() -> None:
