@@ -168,10 +168,13 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
 
 
 def units_of_figures(workspaces: Iterable[Workspace]) -> dict[str, str]:
-    """Return the units of the figures of `full`; the error has none where axes differ in theirs."""
-    efforts = {each.effort_unit for each in workspaces}
-    errors = dict.fromkeys(("error_rms", "error_max"), efforts.pop()) if len(efforts) == 1 else {}
-    return errors | {"energy_generated_j": "J", "trip_time_s": "s"}
+    """Return the units of the figures of `loop` and `full`; errors and excursions have none where axes differ."""
+    found = {"energy_generated_j": "J", "trip_time_s": "s"}
+    if len(kinds := {*workspaces}) == 1:
+        (space,) = kinds
+        found |= dict.fromkeys(("error_rms", "error_max"), space.effort_unit)
+        found |= dict.fromkeys(("peak", "last"), space.length_unit)
+    return found
 
 
 def evaluate(job: SweepJob, columns: Columns) -> Rows:

@@ -266,6 +266,8 @@ class SweepFolder:
             **told, "inputs": json.loads(text),
         }  # fmt: skip
         found, manifest = cls(path, points, chunk, content), path / MANIFEST
+        # Looked at before the manifest: what another sweep begins meanwhile is not strange.
+        strange = path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")})
         if manifest.exists():
             known = cls.known(path)
             if known.digest != found.digest:
@@ -274,7 +276,7 @@ class SweepFolder:
                 raise UsageError(
                     f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
                 )
-        elif path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")}):
+        elif strange:
             raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
         else:
             octets = json.dumps(content, indent=1).encode() + b"\n"

@@ -131,7 +131,9 @@ def test_a_picture_tells_units_refusals_and_motion_in_words() -> None:
     drawn = draw_sweep(sweep("wall", grid, engine="full", duration=0.1, workers=1))
     assert drawn.axes[0].get_ylabel() == "error_rms [N]"
     assert "error_rms of 2 points, 1 refused" in {each.get_text() for each in drawn.findobj(Text)}
-    drawn = draw_sweep(sweep("wall", grid, engine="loop", workers=1))
+    loops = sweep("wall", grid, engine="loop", workers=1)
+    assert draw_sweep(loops, "peak").axes[0].get_ylabel() == "peak [m]"
+    drawn = draw_sweep(loops)
     assert {"motion decays", "motion grows"} <= labels_of(drawn)
 
 
