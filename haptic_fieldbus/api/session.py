@@ -7,17 +7,20 @@ late loop skips periods and trips as any other. The error and the warnings of th
 """
 
 import math
+import os
 import pickle
 import sys
 from collections import namedtuple
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from threading import current_thread, get_native_id
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from weakref import finalize
 
 from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api.arguments import KINDS, asked_of, check_values
@@ -208,6 +211,13 @@ def _viewer(run: Session, caller: Caller) -> Callable[[], SessionState]:
     return look
 
 
+def _leave(steps: Steps[Result], process: int) -> None:
+    """End a run whose session nobody has left, torque-free, at the latest while the interpreter can still end it."""
+    if os.getpid() == process:  # a fork must not end the run of its parent
+        with suppress(ValueError):  # another thread is in the run
+            steps.close()
+
+
 class LiveSession:
     """A run that the caller steps through: `with session(...) as live: for state in live: ...`.
 
@@ -247,6 +257,7 @@ class LiveSession:
                 error.args = (str(error).replace(f"--set {EFFORT}.", ""),)  # it has arguments, no parameters
             raise
         self._steps = self._run.steps(place, self._caller)
+        finalize(self, _leave, self._steps, os.getpid())
         if self._run.plan.simulated:
             self._advance()
             return self
@@ -322,8 +333,7 @@ class LiveSession:
             if isinstance(error, StopIteration):  # no generator passes one on
                 return False
             if error is None or isinstance(error, GeneratorExit):
-                if not sys.is_finalizing():  # nothing can be imported then, and nobody can ask for the result
-                    self.result = finished(steps)
+                self.result = finished(steps)
                 return False
             steps.throw(error)
         except StopIteration as end:  # a signal, after which the run has a result

@@ -400,22 +400,26 @@ def test_an_effort_declares_numbers_of_numpy_too() -> None:
 
 
 LEAKS = """
+import sys
 from haptic_fieldbus import session
 
 def states():
     with session("wall", record={record!r}) as live:
         yield from live
 
-left = states()
-while next(left).time < 1.3:
+{holder}left = states()
+while next({holder}left).time < 1.3:
     pass
 """
 """Program that ends with a session open, in contact."""
 
 
-def test_a_session_that_is_open_when_the_interpreter_ends_is_torque_free_and_says_nothing(tmp_path: Path) -> None:
+@pytest.mark.parametrize("holder", ["", "sys."], ids=["of the program", "of the interpreter"])
+def test_a_session_that_is_open_when_the_interpreter_ends_is_torque_free_and_says_nothing(
+    holder: str, tmp_path: Path
+) -> None:
     record = tmp_path / "a.log"
-    program = LEAKS.format(record=str(record))
+    program = LEAKS.format(record=str(record), holder=holder)
     ended = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
     assert ends_torque_free(record)
