@@ -68,11 +68,11 @@ DOES_WITHOUT = {
         " recordings.reading report.plot report.texts scenes.catalogue sim.faults sim.faults.drawing",
         "cli.scenes": "api planning.explain protocols.catalogue protocols.registry scenes.catalogue scenes.registry"
         " scenes.scene",
-        "cli.sweep": "api api.provenance api.sweep_folder api.sweeping",
+        "cli.sweep": "api api.provenance api.sweep_folder api.sweeping planning.request planning.selection",
         "cli.view": "running.live view.description view.server",
         "cli.simulate": "drive.rig_units protocols.catalogue running.rights sim.host_request sim.faults",
         "cli.vcan": "vcan.runner",
-        "running.ending": "assessing.result",
+        "running.ending": "assessing.result planning.request",
     },
     "import haptic_fieldbus.pytest_plugin": {
         "pytest_plugin": "errors sim.modbus.drives testing testing.modbus",

@@ -86,7 +86,7 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     **dict.fromkeys(("duration", "fade_in", "delay"), ("a number in s", _is_number)),
     **dict.fromkeys(("mass", "damping", "coulomb", "resolution", "amplitude"), ("a number", _is_number)),
     **dict.fromkeys(("node", "seed", "sample", "steps", "chunk", "workers"), ("a whole number", _is_whole)),
-    **dict.fromkeys(("force", "prove", "anonymous"), ("True or False", lambda value: isinstance(value, bool))),
+    **dict.fromkeys(("force", "prove", "anonymous", "yes"), ("True or False", lambda value: isinstance(value, bool))),
     "method": ("a name or an Integrator", lambda value: _is_part(value, "numerics.integrators", "Integrator")),
     "estimator": ("a name or an Estimator", lambda value: _is_part(value, "numerics.estimators", "Estimator")),
     "hand": ("a name or a Hand", lambda value: _is_part(value, "sim.hand", "Hand")),
@@ -101,6 +101,7 @@ KINDS: Mapping[str, tuple[str, Holds]] = {
     ),
     "live": ("a Live", lambda value: hasattr(value, "follow") and hasattr(value, "begin")),
     **dict.fromkeys(("confirm", "instruct", "announce", "measure"), ("a function", callable)),
+    "effort": ("a function of the feedback", callable),
     "executor": ("an Executor", lambda value: callable(getattr(value, "submit", None))),
     "progress": ("a function, True or False", lambda value: isinstance(value, bool) or callable(value)),
 }

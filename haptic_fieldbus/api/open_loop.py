@@ -5,9 +5,9 @@ finds the masses at rest at the old position. Nothing is fed back, so a growth c
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 # Prescribed motions of the handle: a step, a ramp, a sine, or the rows of a file.
 
 Array = NDArray[np.float64]
+Signals = Mapping[Signal, NDArray[Any]]
+"""Feedback along a motion by its signal, `(n_samples,)` each."""
 
 INPUT_FORMS = "step, ramp, sine@HZ or FILE.csv with the columns time and position"
 LARGEST_FREQUENCY = 1e9
@@ -160,15 +162,6 @@ class Response:
         }
 
 
-@dataclass
-class _Answer:
-    """The response of one element: force `(n_samples,)`, states by name, spectral radius of its step."""
-
-    force: Array
-    states: dict[str, Array] = field(default_factory=dict)
-    spectral_radius: float | None = None
-
-
 def response(
     scene: str | Path | Scene,
     *,
@@ -201,9 +194,32 @@ def open_loop(task: Task, asked: OpenLoop) -> Response:
         expected = f"expected at most {MOST_SAMPLES}: a shorter duration"
         raise UsageError(f"{samples} samples of {exactly(period)} s; {expected}")
     time = period * np.arange(samples, dtype=np.float64)
-    position = motion.at(time)
-    answers = _Answers(elements, period, task.method or DEFAULT_METHOD, task.estimator or DEFAULT_ESTIMATOR)
-    return replace(answers.to(time, position, motion.rest, axis.workspace), alias=motion.alias(period))
+    position, method = motion.at(time), task.method or DEFAULT_METHOD
+    needs_velocity = any(Signal.VELOCITY in element.needs for element in elements)
+    estimator = (task.estimator or DEFAULT_ESTIMATOR) if needs_velocity else None
+    signals: Signals = {
+        Signal.POSITION: position,
+        Signal.VELOCITY: _velocity(position, motion.rest, period, estimator),
+        Signal.ELAPSED_NS: round(1e9 * period) * np.arange(samples),
+    }
+    forces, states, radii = list[Array](), dict[str, Array](), list[float]()
+    for element in elements:
+        if missing := [signal.value for signal in element.needs if signal not in signals]:
+            raise UsageError(f"element {element.name} needs {missing[0]}, which a prescribed motion does not have")
+        with own_faults(element):
+            force, own, radius = _answer(element, signals, motion.rest, period, method)
+        forces.append(force)
+        states |= {f"{element.name}.{name}" if states else name: values for name, values in own.items()}
+        radii += [] if radius is None else [radius]
+    rows = min(map(len, forces), default=samples)  # they end where the first element diverges
+    force = np.sum([each[:rows] for each in forces], axis=0) if forces else np.zeros(rows)
+    finite = np.isfinite(force)
+    rows = rows if finite.all() else int(np.argmin(finite))
+    states = {name: values[:rows] for name, values in states.items()}
+    return Response(
+        time[:rows], position[:rows], force[:rows], states, max(radii, default=None), rows < samples, axis.workspace,
+        method if radii else None, motion.alias(period),
+    )  # fmt: skip
 
 
 def rendered_axis(task: Task) -> tuple[float, SceneAxis, tuple[Element, ...]]:
@@ -249,80 +265,48 @@ class GroundedCoupling:
         return StateSpace(space.a, space.b[:, own], space.c[place : place + 1], space.d[place : place + 1, own])
 
 
-class _Answers:
-    """The elements of one axis, simulated one after another."""
+def _velocity(position: Array, rest: float, period: float, estimator: str | None) -> Array:
+    """Return the velocity `(n_samples,)` as the loop would estimate it; zeros without an estimator."""
+    if estimator is None:
+        return np.zeros_like(position)
+    from haptic_fieldbus.numerics.estimators import bind, chosen
 
-    def __init__(self, elements: tuple[Element, ...], period: float, method: str, estimator: str) -> None:
-        self._elements, self._period = elements, period
-        self._method, self._estimator = method, estimator
+    # The sample at rest goes first, so that the estimate at t = 0 already contains the step.
+    estimate, period_ns = bind(estimator, period), round(1e9 * period)
+    timed, places = chosen(estimator).estimator.timed, [rest, *position.tolist()]
+    return np.array([estimate(x, k * period_ns) if timed else estimate(x) for k, x in enumerate(places)])[1:]
 
-    def to(self, time: Array, position: Array, rest: float, workspace: Workspace) -> Response:
-        """Return the sum of all forces; the samples end where the first element diverges."""
-        velocity = self._velocity(position, rest)
-        answers = []
-        for element in self._elements:
-            with own_faults(element):
-                answers.append(self._answer(element, position, velocity, rest))
-        rows = min([len(answer.force) for answer in answers], default=len(time))
-        force = np.sum([answer.force[:rows] for answer in answers], axis=0) if answers else np.zeros(rows)
-        finite = np.isfinite(force)
-        rows = rows if finite.all() else int(np.argmin(finite))
-        radii = [answer.spectral_radius for answer in answers if answer.spectral_radius is not None]
-        states = {name: values[:rows] for name, values in self._states(answers)}
-        return Response(
-            time[:rows],
-            position[:rows],
-            force[:rows],
-            states,
-            max(radii, default=None),
-            rows < len(time),
-            workspace,
-            self._method if radii else None,
-        )
 
-    def _states(self, answers: list[_Answer]) -> Iterator[tuple[str, Array]]:
-        named = [(element, answer) for element, answer in zip(self._elements, answers, strict=True) if answer.states]
-        for number, (element, answer) in enumerate(named):
-            for name, values in answer.states.items():
-                yield f"{element.name}.{name}" if number else name, values
+def _answer(
+    element: Element, signals: Signals, rest: float, period: float, method: str
+) -> tuple[Array, dict[str, Array], float | None]:
+    """Return force `(n_samples,)`, virtual states by name, and spectral radius of a step of one element."""
+    if isinstance(element, DynamicElement):
+        return _dynamic(element, signals, rest, period, method)
+    at_rest = {Signal.POSITION: rest, Signal.VELOCITY: 0.0, Signal.ELAPSED_NS: 0}
+    law = law_of(element, period, method)
+    # A first call at rest: the memory begins at the position before the motion.
+    law(*[at_rest[signal] for signal in element.needs])
+    if not element.needs:
+        return np.full(len(signals[Signal.POSITION]), law()), {}, None
+    return _run(law, [signals[signal] for signal in element.needs]), {}, None
 
-    def _velocity(self, position: Array, rest: float) -> Array:
-        """Return the velocity `(n_samples,)` as the loop would estimate it; zeros when no element needs it."""
-        if not any(Signal.VELOCITY in element.needs for element in self._elements):
-            return np.zeros_like(position)
-        from haptic_fieldbus.numerics.estimators import bind, chosen
 
-        # The sample at rest goes first, so that the estimate at t = 0 already contains the step.
-        estimate, period_ns = bind(self._estimator, self._period), round(1e9 * self._period)
-        timed, places = chosen(self._estimator).estimator.timed, [rest, *position.tolist()]
-        return np.array([estimate(x, k * period_ns) if timed else estimate(x) for k, x in enumerate(places)])[1:]
+def _dynamic(
+    element: DynamicElement, signals: Signals, rest: float, period: float, method: str
+) -> tuple[Array, dict[str, Array], float]:
+    from haptic_fieldbus.numerics import integrators
+    from haptic_fieldbus.numerics.integrators.method import follow
 
-    def _answer(self, element: Element, position: Array, velocity: Array, rest: float) -> _Answer:
-        if isinstance(element, DynamicElement):
-            return self._dynamic(element, np.stack([position, velocity], axis=1), rest)
-        elapsed_ns = round(1e9 * self._period) * np.arange(len(position))
-        at_rest = {Signal.POSITION: rest, Signal.VELOCITY: 0.0, Signal.ELAPSED_NS: 0}
-        signals = {Signal.POSITION: position, Signal.VELOCITY: velocity, Signal.ELAPSED_NS: elapsed_ns}
-        law = law_of(element, self._period, self._method)
-        # A first call at rest: the memory begins at the position before the motion.
-        law(*[at_rest[signal] for signal in element.needs])
-        if not element.needs:
-            return _Answer(np.full(len(position), law()))
-        return _Answer(_run(law, [signals[signal] for signal in element.needs]))
-
-    def _dynamic(self, element: DynamicElement, inputs: Array, rest: float) -> _Answer:
-        from haptic_fieldbus.numerics import integrators
-        from haptic_fieldbus.numerics.integrators.method import follow
-
-        space = element.dynamics
-        one = integrators.discretise(space, self._period, self._method)
-        # Growth without bound is reported by `diverged`, not by warnings.
-        with np.errstate(over="ignore", invalid="ignore"):
-            found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
-        first = getattr(element, "state_names", STATE_NAMES)
-        names = [*first, *(f"state {number}" for number in range(len(first) + 1, space.order + 1))][: space.order]
-        states = {name: found.states[:, place] for place, name in enumerate(names)}
-        return _Answer(found.outputs[:, 0], states, spectral_radius(one.system.a))
+    space, inputs = element.dynamics, np.stack([signals[Signal.POSITION], signals[Signal.VELOCITY]], axis=1)
+    one = integrators.discretise(space, period, method)
+    # Growth without bound is reported by `diverged`, not by warnings.
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = follow(one, inputs, (integrators.rest(space)[0] * rest).tolist())
+    first = getattr(element, "state_names", STATE_NAMES)
+    names = [*first, *(f"state {number}" for number in range(len(first) + 1, space.order + 1))][: space.order]
+    states = {name: found.states[:, place] for place, name in enumerate(names)}
+    return found.outputs[:, 0], states, spectral_radius(one.system.a)
 
 
 def _run(law: Callable[..., float], inputs: Sequence[NDArray[Any]]) -> Array:

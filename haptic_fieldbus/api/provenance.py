@@ -22,7 +22,7 @@ from haptic_fieldbus.documents.edits import file_text
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.planning.plan import Plan
-from haptic_fieldbus.planning.request import Task
+from haptic_fieldbus.planning.request import Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import load, parsed
 from haptic_fieldbus.protocols.catalogue import load_rig, profile_file
 from haptic_fieldbus.recordings.provenance import (
@@ -82,6 +82,7 @@ def provenance_of(
         conditions=conditions,
         bus=hidden(bus),
         simulated=plan.simulated,
+        rehearsed=any(section.rehearsed for section in plan.rig.bus.values()),
     )
     if repeats is not None:
         scene, rig = cast(RunText, repeats.scene), repeats.rig
@@ -188,6 +189,8 @@ def repeated(provenance: Provenance, *, simulated: bool = True) -> Iterator[tupl
     if provenance.scene is None:
         raise UsageError("the recorded run cannot be repeated: an element of its scene is an object of Python")
     made = provenance.conditions
+    check_request(rate=made.rate, duration=made.duration, seed=made.seed)
+    check_fade_in(made.fade_in)
     _check_parts(made)
     with TemporaryDirectory(prefix="haptic-fieldbus-") as folder:
 

@@ -7,19 +7,23 @@ late loop skips periods and trips as any other. The error and the warnings of th
 """
 
 import math
+import os
+import pickle
 import sys
 from collections import namedtuple
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from threading import current_thread, get_native_id
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from weakref import finalize
 
 from haptic_fieldbus.api import Trial, prepare_run
-from haptic_fieldbus.api.arguments import KINDS, asked_of
+from haptic_fieldbus.api.arguments import KINDS, asked_of, check_values
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.defaults import DEFAULT_FADE_IN, DEFAULT_NODE, DEFAULT_SEED
 from haptic_fieldbus.drive.profile import PowerState
@@ -92,21 +96,35 @@ class OwnEffort:
     def linearised(self) -> StateSpace:
         return gain([[-self.stiffness, -self.damping]])
 
+    def __deepcopy__(self, memo: object) -> "OwnEffort":
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Send the function along with a result; another one where it cannot be sent, such as a lambda."""
+        values = {each.name: getattr(self, each.name) for each in fields(self)}
+        try:
+            pickle.dumps(self.law)
+        except Exception:  # a foreign object may raise anything
+            values["law"] = _not_sent
+        return OwnEffort, tuple(values.values())
+
+
+def _not_sent(feedback: Any) -> float:
+    raise UsageError("the function of this effort stayed in its process: it is no function of a module")
+
 
 def effort_scene(
     effort: EffortLaw, needs: Sequence[str], rig: str | Path | Rig | None, profiles: str | Path | None,
     stiffness: float | None, damping: float | None,
 ) -> Scene:  # fmt: skip
     """Return the scene of one axis whose force is a function; raises TypeError or UsageError."""
-    if not callable(effort):
-        raise wrong_kind("session() effort", "a function of the feedback", effort)
-    if isinstance(needs, str) or not needs or not set(needs) <= set(SIGNALS) or len(set(needs)) < len(needs):
+    known = isinstance(needs, Collection) and all(each in [*SIGNALS] for each in needs)
+    if not known or not needs or len({*needs}) < len(needs):
         raise wrong_kind("session() needs", f"some of {', '.join(SIGNALS)}, each once", needs)
+    is_number = KINDS["damping"][1]
     for name, value in (("stiffness", stiffness), ("damping", damping)):
-        if value is not None and not (isinstance(value, int | float) and 0.0 <= value < math.inf):
+        if value is not None and not (is_number(value) and 0.0 <= value < math.inf):
             raise wrong_kind(f"session() {name}", "a number of 0 or more", value)
-    if rig is not None and not KINDS["rig"][1](rig):
-        raise wrong_kind("session() rig", KINDS["rig"][0], rig)
     found = load_rig(rig, profiles) if isinstance(rig, str | Path) else rig
     axis, *others = ["handle"] if found is None else found.axis
     if others:
@@ -193,6 +211,13 @@ def _viewer(run: Session, caller: Caller) -> Callable[[], SessionState]:
     return look
 
 
+def _leave(steps: Steps[Result], process: int) -> None:
+    """End a run whose session nobody has left, torque-free, at the latest while the interpreter can still end it."""
+    if os.getpid() == process:  # a fork must not end the run of its parent
+        with suppress(ValueError):  # another thread is in the run
+            steps.close()
+
+
 class LiveSession:
     """A run that the caller steps through: `with session(...) as live: for state in live: ...`.
 
@@ -232,6 +257,7 @@ class LiveSession:
                 error.args = (str(error).replace(f"--set {EFFORT}.", ""),)  # it has arguments, no parameters
             raise
         self._steps = self._run.steps(place, self._caller)
+        finalize(self, _leave, self._steps, os.getpid())
         if self._run.plan.simulated:
             self._advance()
             return self
@@ -365,8 +391,8 @@ def session(
         raise UsageError("session() takes either a scene or effort=")
     if scene is not None and (stiffness is not None or damping is not None or needs != ("position",)):
         raise UsageError("session() stiffness, damping, needs: only with effort=; use settings= for those of a scene")
-    if not isinstance(yes, bool):
-        raise wrong_kind("session() yes", "True or False", yes)
+    given = {"yes": yes, "effort": effort, "rig": rig}
+    check_values("session", ((name, value) for name, value in given.items() if value is not None))
     share = math.inf
     if effort is not None:
         scene = effort_scene(effort, needs, rig, profiles, stiffness, damping)

@@ -166,20 +166,17 @@ def _seed(plan: Plan, bus: BusPlan, seed: int) -> int | str:
 def _check_faults(faults: Sequence[Fault], plan: Plan) -> None:
     kinds: dict[str | None, frozenset[str]] = {bus.name: _simulation(bus.protocol).kinds for bus in plan.buses}
     known = {None: frozenset[str]().union(*kinds.values()), **kinds}
-    wrong = [
-        f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {", ".join(map(str, kinds))}'
-        for fault in faults
-        if fault.bus not in known
-    ]
     protocols = ", ".join(dict.fromkeys(bus.protocol for bus in plan.buses))
-    wrong += [
-        f'no bus of this run supports the fault "{fault.kind}" ({protocols}); remove it'
-        for fault in faults
-        if fault.bus in known and fault.kind not in known[fault.bus]
-    ]
+    wrong: list[str] = []
     for fault in faults:
+        if fault.bus not in known:
+            buses = ", ".join(map(str, kinds))
+            wrong.append(f'fault "{fault.kind}" names the bus "{fault.bus}"; this run has: {buses}')
+            continue
+        if fault.kind not in known[fault.bus]:
+            wrong.append(f'no bus of this run supports the fault "{fault.kind}" ({protocols}); remove it')
         named = [plan.on(bus) for bus in plan.buses if fault.bus in (None, bus.name)]
-        wrong += of_no_drive((fault,), {axis.node for part in named for axis in part.axes}) if named else ()
+        wrong += of_no_drive((fault,), {axis.node for part in named for axis in part.axes})
     raise_all(wrong)
 
 

@@ -11,8 +11,7 @@ all matrices are found in one call. Any other point costs a plan. `loop` simulat
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any, cast, get_type_hints
 
 import numpy as np
@@ -20,7 +19,7 @@ from numpy.typing import NDArray
 
 from haptic_fieldbus.api import Trial, run_task
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import NUMBERS, Columns, Rows, Value, is_value, python_value
+from haptic_fieldbus.api.sweep_folder import NUMBERS, OUTCOMES, Columns, Rows, Value, is_value
 from haptic_fieldbus.assessing.result import Result
 from haptic_fieldbus.documents import suggestion
 from haptic_fieldbus.documents.quantities import RANGES, Quantity
@@ -48,7 +47,7 @@ from haptic_fieldbus.planning.axis_plan import has_shipped_values
 from haptic_fieldbus.planning.known_bench import as_stated
 from haptic_fieldbus.planning.plan import Plan
 from haptic_fieldbus.planning.request import Task, check_request
-from haptic_fieldbus.planning.selection import select
+from haptic_fieldbus.planning.selection import python_value, select
 from haptic_fieldbus.scenes.files import named
 from haptic_fieldbus.scenes.registry import quantities
 from haptic_fieldbus.scenes.scene import Scene, axes_of
@@ -68,8 +67,7 @@ OF_TRIAL = ("hand", "seed", "duration", "fade_in")
 """Parameters without a dot: those of any point, and those of a whole run alone."""
 RIG = "rig."
 """In front of a parameter of the rig, such as rig.handle.viscous_damping."""
-DONE, REFUSED, TRIPPED = "done", "refused", "tripped"
-"""Outcomes of a point."""
+DONE, REFUSED, TRIPPED = OUTCOMES
 
 
 @dataclass(frozen=True)
@@ -78,23 +76,15 @@ class SweepJob:
 
     engine: str
     task: Task
-    """With the scene and the rig as values, since their files may change while a sweep goes on."""
+    scene: Scene
+    rig: Rig
+    """Scene and rig of the task as values, since their files may change while a sweep goes on."""
     trial: Trial
-    digest: str
-    """Digest of all inputs."""
     steps: int = 0
     """Periods of a simulated loop."""
     measure: Measure | None = None
 
     # A point: the task with its values.
-
-    @property
-    def scene(self) -> Scene:
-        return cast(Scene, self.task.scene)
-
-    @property
-    def rig(self) -> Rig:
-        return cast(Rig, self.task.rig)
 
     def check_names(self, names: Iterable[str]) -> None:
         """Raise one UsageError for all parameters that neither scene, rig nor engine has."""
@@ -150,7 +140,8 @@ class SweepJob:
                 rig = with_rig_value(rig, name, point[name])
         settings = {name: value for name, value in point.items() if "." in name and not name.startswith(RIG)}
         asked: dict[str, Any] = {name: value for name, value in point.items() if name in OF_TASK}
-        return replace(self.task, rig=rig, settings={**(self.task.settings or {}), **settings}, **asked)
+        settings = {**(self.task.settings or {}), **settings}
+        return replace(self.task, scene=self.scene, rig=rig, settings=settings, **asked)
 
 
 def with_rig_value(rig: Rig, name: str, value: Any) -> Rig:
@@ -177,10 +168,13 @@ def _with_value(part: Any, path: Sequence[str], name: str, value: Any) -> Any:
 
 
 def units_of_figures(workspaces: Iterable[Workspace]) -> dict[str, str]:
-    """Return the units of the figures of `full`; the error has none where axes differ in theirs."""
-    efforts = {each.effort_unit for each in workspaces}
-    errors = dict.fromkeys(("error_rms", "error_max"), efforts.pop()) if len(efforts) == 1 else {}
-    return errors | {"energy_generated_j": "J", "trip_time_s": "s"}
+    """Return the units of the figures of `loop` and `full`; errors and excursions have none where axes differ."""
+    found = {"energy_generated_j": "J", "trip_time_s": "s"}
+    if len(kinds := {*workspaces}) == 1:
+        (space,) = kinds
+        found |= dict.fromkeys(("error_rms", "error_max"), space.effort_unit)
+        found |= dict.fromkeys(("peak", "last"), space.length_unit)
+    return found
 
 
 def evaluate(job: SweepJob, columns: Columns) -> Rows:
@@ -291,14 +285,16 @@ def _begun(job: SweepJob, points: Sequence[Point]) -> tuple[dict[int, Row], list
     own = {f"{wall.name}.{name}": getattr(wall, name) for name in ("stiffness", "damping")}
     stiffness, damping = (_numbers([point.get(name, usual) for point in points]) for name, usual in own.items())
     possible = _usual(Quantity.STIFFNESS, stiffness) & ((damping == 0.0) | _usual(Quantity.DAMPING, damping))
-    groups: dict[_WallBench, list[int]] = {}
+    groups: dict[tuple[str, bool], list[int]] = {}
     for at in np.flatnonzero(possible).tolist():
-        others = {name: value for name, value in points[at].items() if name not in own}
-        groups.setdefault(_WallBench(job.digest, repr(others), bool(damping[at]), job, others), []).append(at)
+        # Other parameters than those of the wall as a text, in which 1, 1.0 and True differ.
+        others = repr([item for item in points[at].items() if item[0] not in own])
+        groups.setdefault((others, bool(damping[at])), []).append(at)
     rows, found, alone = dict[int, Row](), list[Shared](), np.flatnonzero(~possible).tolist()
-    for bench, places in groups.items():
+    for (_, damped), places in groups.items():
+        usual = dict(zip(own, (1.0, float(damped)), strict=True))
         try:
-            loop = _wall_loop(bench)
+            loop = _wall_loop(job.task_at({**points[places[0]], **usual}))
         except PlanError as error:  # of rate, bus or drive, whatever the wall is
             rows |= dict.fromkeys(places, _refused(error))
             continue
@@ -322,24 +318,8 @@ def _numbers(values: Sequence[Value]) -> Array:
     return np.array([float(each) if type(each) in (int, float) else math.nan for each in values])
 
 
-@dataclass(frozen=True)
-class _WallBench:
-    """Key of walls that share a plan: bench, rate and rendering, and whether they are damped."""
-
-    digest: str
-    others: str
-    """Parameters of the points beside the wall, as a text, in which 1, 1.0 and True differ."""
-    damped: bool
-    job: SweepJob = field(compare=False)
-    point: Point = field(compare=False)
-
-
-@lru_cache(maxsize=256)
-def _wall_loop(bench: _WallBench) -> WallLoop | None:
-    """Return what the walls on this bench have in common; None where a point needs a plan of its own."""
-    name = cast(Wall, _lone_wall(bench.job)).name
-    usual = {f"{name}.stiffness": 1.0, f"{name}.damping": 1.0 if bench.damped else 0.0}
-    task = bench.job.task_at({**usual, **bench.point})
+def _wall_loop(task: Task) -> WallLoop | None:
+    """Return what the walls on the bench of this task have in common; None where a point needs a plan of its own."""
     check_request(rate=task.rate)
     plan = select(task).plan
     group = _rigid(plan)

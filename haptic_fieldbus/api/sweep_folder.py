@@ -8,14 +8,16 @@ any moment goes on with the chunks that are missing when it is asked for again; 
 import json
 import math
 import os
+import platform
 import re
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set, Sized
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from haptic_fieldbus.api.arguments import KINDS
 from haptic_fieldbus.documents.edits import sync_folder
 from haptic_fieldbus.documents.safe_read import check_regular
 from haptic_fieldbus.errors import UsageError, require, wrong_kind
+from haptic_fieldbus.planning.selection import python_value
 from haptic_fieldbus.recordings.provenance import digest, replacing
 
 if TYPE_CHECKING:
@@ -36,6 +39,8 @@ Columns = Mapping[str, Sequence[Value]]
 """Values of some points by the name of the parameter."""
 Rows = dict[str, list[Any]]
 """Figures of these points by their name; None for one that a point does not have."""
+OUTCOMES = ("done", "refused", "tripped")
+"""Outcomes of a point."""
 TEXTS = ("outcome", "message", "verdict", "trip")
 NUMBERS = (
     "growth", "damping_share", "peak", "last", "error_rms", "error_max", "error_in_contact", "energy_generated_j",
@@ -127,6 +132,12 @@ class SweepPoints:
     def _draws_whole(self, name: str) -> bool:
         return name in self.whole and all(type(end) is int for end in self.values[name][:2])
 
+    @property
+    def varied_numbers(self) -> tuple[str, ...]:
+        """Parameters with several values, all of them numbers: those that a picture has axes of."""
+        numbers = [name for name, kind in self.types.items() if kind in ("int64", "double", "float64")]
+        return tuple(name for name in numbers if self.count > 1 and len({*self.values[name]}) > 1)
+
     @cached_property
     def types(self) -> dict[str, str]:
         """Types of the columns of Arrow: whole numbers, numbers, truth values, or texts for everything else."""
@@ -150,11 +161,6 @@ def column_of(values: Iterable[Any], kind: str | None = None) -> "pyarrow.Array"
     return pyarrow.array([each if each is None else str(each) for each in known], type="string")
 
 
-def python_value(value: Any) -> Any:
-    """Return a number of NumPy, also in an array of its own, as one of Python; anything else as it is."""
-    return value.item() if hasattr(value, "item") and getattr(value, "size", 1) == 1 else value
-
-
 def is_value(value: object) -> bool:
     """Return whether a column can hold a value: a number, a text, True or False."""
     return isinstance(value, float | str) or (isinstance(value, int) and abs(value) <= LARGEST_WHOLE)
@@ -164,7 +170,8 @@ def _values(name: str, given: Any) -> tuple[Value, ...]:
     """Return the values of a parameter as plain numbers, texts, True and False; raises TypeError for others."""
     if not isinstance(name, str) or not name:
         raise wrong_kind("points", "the name of a parameter, such as wall.stiffness", name)
-    if isinstance(given, str | bytes | Mapping) or not isinstance(given, Iterable):
+    # The order of a set is another one in each process, so its points could not be gone on with.
+    if isinstance(given, str | bytes | Mapping | Set) or not isinstance(given, Iterable):
         raise wrong_kind(f"points: {name}", "a list of values", given)
     if isinstance(given, Sized) and len(given) > LONGEST_LIST:
         raise UsageError(f"points: {name}: {len(given)} values; expected at most {LONGEST_LIST}")
@@ -197,8 +204,10 @@ METADATA = b"haptic_fieldbus.sweep"
 """Key of the metadata of each Parquet file, whose value is the digest of the inputs."""
 
 
-_LEFT = re.compile(rf"(?:{re.escape(MANIFEST)}|chunk-\d+\.parquet)\.(\d+)\.new")
-"""Name of a file of ours that is being written, with the number of its process."""
+HOST = re.sub(r"\W", "-", platform.node())
+"""Name of this computer or container in the name of a file: another one may have a process of the same number."""
+_LEFT = re.compile(rf"(?:{re.escape(MANIFEST)}|chunk-\d+\.parquet)\.(\d+)-{HOST}-\w+\.new")
+"""Name of a file that a process of this computer writes, with the number of the process."""
 
 
 def _is_alive(process: str) -> bool:
@@ -218,7 +227,7 @@ def _write_whole(path: Path, write: Callable[[Path], object], *, only_new: bool 
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path, f".{os.getpid()}.new") as new:
+        with replacing(path, f".{os.getpid()}-{HOST}-{token_hex(4)}.new") as new:
             write(new)
             with new.open("rb") as written:
                 os.fsync(written.fileno())
@@ -257,6 +266,8 @@ class SweepFolder:
             **told, "inputs": json.loads(text),
         }  # fmt: skip
         found, manifest = cls(path, points, chunk, content), path / MANIFEST
+        # Looked at before the manifest: what another sweep begins meanwhile is not strange.
+        strange = path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")})
         if manifest.exists():
             known = cls.known(path)
             if known.digest != found.digest:
@@ -265,7 +276,7 @@ class SweepFolder:
                 raise UsageError(
                     f"{path}: holds a sweep with other inputs ({', '.join(other)}); expected another folder"
                 )
-        elif path.exists() and (not path.is_dir() or {*path.iterdir()} - {*path.glob(f"{MANIFEST}.*.new")}):
+        elif strange:
             raise UsageError(f"{path}: exists and is no folder of a sweep; expected a new or an empty folder")
         else:
             octets = json.dumps(content, indent=1).encode() + b"\n"
@@ -423,26 +434,33 @@ class Sweep:
         return figure
 
     @cached_property
-    def _counted(self) -> tuple[dict[str, int], int]:
-        """Number of points by outcome, and the number of those that are neither refused, tripped nor unstable."""
-        outcomes, stable = dict.fromkeys(("done", "refused", "tripped"), 0), 0
-        for table in self.tables(["outcome", *(name for name in ("verdict", "grew") if self.engine != "full")]):
-            for row in table.to_pylist():
-                outcomes[row["outcome"]] += 1
-                stable += row["outcome"] == "done" and row.get("verdict") != "unstable" and not row.get("grew")
-        return outcomes, stable
+    def _kinds(self) -> Counter[tuple[str, Any]]:
+        """Number of points by outcome, and by verdict or by whether the motion of the loop grew."""
+        names, found = ["outcome", {"verdict": "verdict", "loop": "grew"}.get(self.engine, "message")], Counter[Any]()
+        for table in self.tables(names):
+            found.update(zip(*(table[name].to_pylist() for name in names), strict=True))
+        return found
 
     @property
     def outcomes(self) -> dict[str, int]:
         """Number of points by their outcome."""
-        return self._counted[0]
+        return {name: sum(self._kinds[kind] for kind in self._kinds if kind[0] == name) for name in OUTCOMES}
 
     @property
     def stable_fraction(self) -> float | None:
-        """Share of the points that were not refused and are stable; of runs, that did not trip. None without any."""
-        outcomes, stable = self._counted
-        total = outcomes["done"] + outcomes["tripped"]
-        return stable / total if total else None
+        """Share of the points that were not refused and are stable, with a limit cycle or without; of runs, that did
+        not trip. None without any."""
+        return self._share(lambda kind: kind not in ("unstable", True))
+
+    @property
+    def limit_cycle_fraction(self) -> float | None:
+        """Share of the points that were not refused and are stable with a limit cycle. None without any."""
+        return self._share(lambda kind: kind == "limit-cycle")
+
+    def _share(self, counts: Callable[[Any], bool]) -> float | None:
+        judged = {kind: count for kind, count in self._kinds.items() if kind[0] != "refused"}
+        total = sum(judged.values())
+        return sum(judged[kind] for kind in judged if kind[0] == "done" and counts(kind[1])) / total if total else None
 
     @property
     def loop_steps_per_s(self) -> float | None:

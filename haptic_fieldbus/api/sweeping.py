@@ -12,11 +12,10 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from shutil import rmtree
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Any
 from weakref import finalize
@@ -38,7 +37,6 @@ from haptic_fieldbus.defaults import (
 from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Rig
 from haptic_fieldbus.errors import HapticFieldbusError, UsageError, raise_all, require
-from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.request import LONGEST, Task, check_fade_in, check_request
 from haptic_fieldbus.planning.selection import load
 from haptic_fieldbus.running.ending import SIGNALS, EndSignals, ended_by_signals
@@ -246,13 +244,10 @@ def sweep_task(task: Task, trial: Trial, points: SweepPoints, asked: SweepReques
     points = replace(points, whole=job.whole_parameters(points.values))
     if asked.out is not None:
         return _swept(Path(asked.out), job, inputs, points, asked)
-    path = Path(mkdtemp(prefix="haptic-fieldbus-"))
-    try:
-        found = _swept(path, job, inputs, points, asked)
-    except BaseException:
-        rmtree(path)
-        raise
-    finalize(found, rmtree, path, ignore_errors=True)  # it lasts as long as the rows may be asked for
+    with ExitStack() as kept:
+        folder = kept.enter_context(TemporaryDirectory(prefix="haptic-fieldbus-", ignore_cleanup_errors=True))
+        found = _swept(Path(folder), job, inputs, points, asked)
+        finalize(found, kept.pop_all().close)  # it lasts as long as the rows may be asked for
     return found
 
 
@@ -263,7 +258,6 @@ def _swept(path: Path, job: SweepJob, inputs: dict[str, Any], points: SweepPoint
     names = tuple(points.values)
     told: Any = {"units": job.units_of_parameters(names), "shipped_bench": job.is_shipped_bench(names)}
     folder = SweepFolder.begun(path, points, chunk, inputs | {"chunk": chunk}, told)
-    job = replace(job, digest=folder.digest)
     missing = [each for each in folder.chunks if not (folder.file(each).exists() and folder.is_whole(each))]
     left = sum(last - first for first, last in map(folder.bounds, missing))
     if asked.scheduler is not None or (asked.executor is None and asked.workers != 1):
@@ -333,18 +327,14 @@ def _prepared(task: Task, trial: Trial, points: SweepPoints, asked: SweepRequest
     found = load(task)
     if asked.engine == "full" and not found.bus.simulated:
         raise UsageError(f"bus {found.bus.text}: a sweep runs simulated drives alone; expected sim")
-    if asked.engine == "full" and not 0.0 < trial.duration <= LONGEST:
-        raise UsageError(f"duration {exactly(trial.duration)}: expected a time above 0 s, at most {exactly(LONGEST)} s")
-    check_request(rate=task.rate, seed=trial.seed, duration=LONGEST)
+    check_request(rate=task.rate, seed=trial.seed, duration=trial.duration if asked.engine == "full" else LONGEST)
     check_fade_in(trial.fade_in)
     hand_named(trial.hand or DEFAULT_HAND)
     if twice := sorted({*points.values} & {*(task.settings or {})}):
         raise UsageError(f"{', '.join(twice)}: given both as a setting and as points; expected one of them")
     part = {} if found.part is None else {found.part: dict(task.settings or {})[found.part]}
-    own = replace(
-        task, scene=found.scene, rig=found.rig, settings=part, drive=None, bus=None, node=DEFAULT_NODE, zero=None
-    )
-    job = SweepJob(asked.engine, own, trial, "", asked.steps, asked.measure)
+    own = replace(task, settings=part, drive=None, bus=None, node=DEFAULT_NODE, zero=None)
+    job = SweepJob(asked.engine, own, found.scene, found.rig, trial, asked.steps, asked.measure)
     job.check_names(points.values)
     files = texts_of_profiles(found.rig, task)
     scene = text_of_scene(found.scene)

@@ -73,17 +73,20 @@ ADDED = ", which added"
 
 
 def run_verdict(
-    *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None
-) -> str:
+    *, scene: str, effort: str, hand: str, stable: bool, inside: bool, felt: FeltError | None, ripple: float | None,
+    known: bool = True,
+) -> str:  # fmt: skip
     """Return the verdict on a simulated run as one sentence of at most `LONGEST` characters.
 
     `effort` is "force" or "torque"; `hand` is the name of the simulated hand, empty when there is none; `inside` says
     that the scene is inside its limit; `felt` is that of the worst axis, None without contact; `ripple` is None when
-    not measured.
+    not measured; an ideal force is not `known` of a scene that uses the torque of the drive.
     """
     if not stable:
         return "Unstable: above the limit of this bench. A hand may damp it; the drive alone cannot."
     above = "" if inside else "; above the limit"
+    if felt is None and not known:
+        return f"Not judged: the scene uses the torque of the drive, so its ideal is unknown{above}"
     if felt is None:
         return f"No contact in this run: the handle touched nothing{_with(hand)}{above}"
     if felt.contact is None:

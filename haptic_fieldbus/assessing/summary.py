@@ -221,6 +221,8 @@ class AxisAssessment:
         # A sign that was not seen in the first part is too rare to go through virtual states for.
         if permitted_ns is None or (self._splitter is None and part.skipped):
             return
+        if Signal.TORQUE_ACTUAL in axis.needs:  # nobody knows what the torque of an ideal drive would be
+            return
         begin_ns = int(permitted_ns + axis.limits.fade_in * 1e9)
         if times_ns[-1] <= begin_ns and part.skipped == 0 and part.last:
             return
@@ -395,6 +397,7 @@ def summarise(run: Run, assessed: list[AxisAssessment], elapsed: float) -> Resul
         inside=all(each.is_inside for each in judged),
         effort=first.workspace.effort_name,
         hand=run.hand,
+        known=not any(Signal.TORQUE_ACTUAL in axis.needs for axis in plan.axes),
         felt=worst,
         # A scene that needs the time is a wave: its force is meant to move fast.
         ripple=None if Signal.ELAPSED_NS in first.needs else ripple(_enabled(run, f"{first.name}.command"), plan.rate),

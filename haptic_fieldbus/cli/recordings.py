@@ -99,7 +99,8 @@ def replay(
     }  # fmt: skip
     lines = [("recording", f"{len(found)} {kind}, {exactly(round(duration, 6))} s")]
     lines += [] if found.complete else [("", "cut off: read up to the last whole part")]
-    lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}")] if origin else []
+    rehearsed = ", rehearsed: the drives were simulated" if origin and origin.rehearsed else ""
+    lines += [("run", f"{origin.scene_name}, {origin.date}, version {origin.version}{rehearsed}")] if origin else []
     lines += [("written", str(target)) for target in targets]
     lines += [] if plot is None else [("plot", str(plot)), *(("warning", each) for each in warnings)]
     lines += [("compare", str(difference or "all set-points are the same"))] if compare else []

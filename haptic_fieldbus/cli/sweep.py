@@ -1,7 +1,6 @@
 """Command `sweep`: many points of a scene, judged or run, into a folder."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
@@ -19,11 +18,12 @@ from haptic_fieldbus.cli.options import (
 )
 from haptic_fieldbus.cli.screen import moving_bar, show_result
 from haptic_fieldbus.defaults import DEFAULT_ENGINE, DEFAULT_STEPS, DEFAULT_SWEEP
-from haptic_fieldbus.errors import raise_all
+from haptic_fieldbus.errors import UsageError, raise_all
 from haptic_fieldbus.numerals import percent, rounded
 
 if TYPE_CHECKING:
     from haptic_fieldbus.api.sweep_folder import Sweep
+    from haptic_fieldbus.scenes.catalogue import Setting
 
 POINTS = "Points"
 TOLD = ("points", "computed", "wall_s", "loop_steps_per_s", "stable_fraction", "outcomes")
@@ -71,17 +71,23 @@ def sweep(options: SweepOptions) -> None:
     The same command goes on with a folder whose rows are not complete. Refusals and trips are rows.
     """
     check_plot(options.plot)
-    points = parse_grid(options.grid or [], options.sample)
+    given = parse_grid(options.grid or [], options.sample)
     from haptic_fieldbus.api import Trial
     from haptic_fieldbus.api.provenance import picture_mark
     from haptic_fieldbus.api.sweep_folder import SweepPoints
     from haptic_fieldbus.api.sweeping import SweepRequest, sweep_task
 
-    task, trial = options.task(), options.given(Trial)
+    task, trial, asked = options.task(), options.given(Trial), options.given(SweepRequest)
+    asked.check()
+    try:
+        points = SweepPoints.of(given, options.sample, options.seed)
+    except TypeError as error:  # a text where a number belongs
+        raise UsageError(str(error).replace("points: ", "--grid ")) from None
+    if options.plot is not None and not points.varied_numbers:
+        raise UsageError("--plot: nothing to draw: no parameter with numbers is varied")
     with moving_bar("{task.completed} of {task.total} points") as update:
-        asked = replace(options.given(SweepRequest), progress=lambda done, total: update(completed=done, total=total))
-        asked.check()
-        found = sweep_task(task, trial, SweepPoints.of(points, options.sample, options.seed), asked)
+        asked = replace(asked, progress=lambda done, total: update(completed=done, total=total))
+        found = sweep_task(task, trial, points, asked)
     if options.plot is not None:
         draw(options.plot, found.plot(), picture_mark(task))
     told = {name: getattr(found, name) for name in TOLD} | {"out": found.path}
@@ -100,36 +106,37 @@ def _lines(found: "Sweep") -> Iterator[tuple[str, str]]:
         yield name, f"{found.outcomes[name]}; first: {first}"
     if (share := found.stable_fraction) is not None:
         good = "untripped" if found.engine == "full" else "stable"
-        yield good, f"{percent(share)} of the points that were not refused"
+        cycles = f", {percent(found.limit_cycle_fraction)} with a limit cycle" if found.limit_cycle_fraction else ""
+        yield good, f"{percent(share)} of the points that were not refused{cycles}"
     yield "rows", str(found.path)
 
 
 def parse_grid(texts: Sequence[str], sample: int | None) -> dict[str, Any]:
     """Return the values of each parameter, or with a sample its range; raises one UsageError for all faults."""
-    points: dict[str, Any] = {}
-    faults = [] if texts else ["no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50"]
-    drawn = sample is not None
-    expected = "NAME=LO:HI, or NAME=LO:HI:log" if drawn else "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2"
-    for text in texts:
-        name, _, given = (part.strip() for part in text.partition("="))
-        if name in points:
-            faults.append(f"--grid {name}: given twice")
-            continue
+    if not texts:
+        raise UsageError("no points: expected --grid NAME=LO:HI:N, such as --grid wall.stiffness=100:3000:50")
+    from haptic_fieldbus.planning.request import parse_pairs
+
+    points, faults = dict[str, Any](), list[str]()
+    expected = "NAME=LO:HI:N, NAME=LO:HI:N:log or NAME=V1,V2" if sample is None else "NAME=LO:HI, or NAME=LO:HI:log"
+    for name, text in parse_pairs(texts, "--grid", expected).items():
         try:
-            points[name] = _values(name and given, drawn=drawn)
+            points[name] = _values(text, drawn=sample is not None)
         except ValueError:
-            faults.append(f'--grid "{text}": expected {expected}')
+            faults.append(f'--grid "{name}={text}": expected {expected}')
     raise_all(faults)
     return points
 
 
-def _values(text: str, *, drawn: bool) -> list[float | str]:
+def _values(text: str, *, drawn: bool) -> "list[Setting]":
     """Return the values of LO:HI:N or LO:HI:N:log, or those between commas; raises ValueError.
 
     Of values that are `drawn`, LO:HI or LO:HI:log, it is the range.
     """
-    if text and ":" not in text and not drawn:
-        return [_plain_value(part.strip()) for part in text.split(",")]
+    from haptic_fieldbus.planning.selection import plain_value
+
+    if ":" not in text and not drawn:
+        return [plain_value(part.strip()) for part in text.split(",")]
     low, high, *words = text.split(":")
     number, *how = ("1", *words) if drawn else words
     count, ends = int(number), (float(low), float(high))
@@ -141,14 +148,6 @@ def _values(text: str, *, drawn: bool) -> list[float | str]:
     if not known or (how and not drawn and min(ends) <= 0.0):
         raise ValueError
     if drawn:
-        return [_plain_value(low), _plain_value(high), *how]
-    values: list[float | str] = (geomspace if how else linspace)(*ends, count).tolist()
+        return [plain_value(low.strip()), plain_value(high.strip()), *how]
+    values: list[Setting] = (geomspace if how else linspace)(*ends, count).tolist()
     return values
-
-
-def _plain_value(text: str) -> float | str:
-    """Return a whole number, a number, or the text itself."""
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return text

@@ -73,15 +73,15 @@ RECORD_SUFFIXES = (".log", ".blf", ".csv", ".mcap")
 
 def parse_settings(texts: Iterable[str]) -> dict[str, str]:
     """Return `element.parameter=value` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
-    return _pairs(texts, "--set", "element.parameter=value, for example wall.stiffness=400", dotted=True)
+    return parse_pairs(texts, "--set", "element.parameter=value, for example wall.stiffness=400", dotted=True)
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, str]:
     """Return `scene axis=rig axis` texts as a mapping; raises one UsageError for all malformed or repeated ones."""
-    return _pairs(texts, "--axis", "SCENE_AXIS=RIG_AXIS, for example knob=handle")
+    return parse_pairs(texts, "--axis", "SCENE_AXIS=RIG_AXIS, for example knob=handle")
 
 
-def _pairs(texts: Iterable[str], option: str, expected: str, *, dotted: bool = False) -> dict[str, str]:
+def parse_pairs(texts: Iterable[str], option: str, expected: str, *, dotted: bool = False) -> dict[str, str]:
     """Return `key=value` texts as a mapping; the key is `dotted` if it has two parts. Raises UsageError."""
     pairs: dict[str, str] = {}
     faults = []

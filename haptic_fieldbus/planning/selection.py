@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -109,28 +110,32 @@ def with_settings(scene: str | Path | Scene, values: Mapping[str, Setting]) -> S
 def parsed(settings: Mapping[str, Setting] | None) -> dict[str, Setting]:
     """Return the settings with texts of a number, `true` or `false` converted; other values stay as they are.
 
-    A text of digits alone is a whole number, as in a file: a parameter such as `count` takes no other.
+    A text of digits, with or without a minus, is a whole number, as in a file: a parameter such as `count` needs one.
 
     Raises TypeError for settings that are no mapping, and for a value that no file could have.
     """
     if not isinstance(settings, Mapping | None):
         raise wrong_kind("settings", 'a mapping such as {"wall.stiffness": 800.0}', settings)
-    return {key: _plain(key, value) for key, value in (settings or {}).items()}
+    return {key: plain_value(value, f"settings: {key}") for key, value in (settings or {}).items()}
 
 
-def _plain(key: str, value: Setting) -> Setting:
-    """Return a value as a file would have it; raises TypeError when none could."""
-    value = value.item() if hasattr(value, "item") else value  # a number of numpy
+def python_value(value: Any) -> Any:
+    """Return a number of NumPy, also in an array of its own, as one of Python; anything else as it is."""
+    return value.item() if hasattr(value, "item") and getattr(value, "size", 1) == 1 else value
+
+
+def plain_value(value: Setting, name: str = "") -> Setting:
+    """Return a value as a file would have it; raises TypeError, with its name, when none could."""
+    value = python_value(value)
     if not isinstance(value, float | int | str | bool | list | tuple):
-        raise wrong_kind(f"settings: {key}", "a number, a text, True or False", value)
+        raise wrong_kind(name, "a number, a text, True or False", value)
     if value in ("true", "false"):
         return value == "true"
-    if isinstance(value, str) and value.isdecimal() and len(value) <= MOST_DIGITS:
+    if isinstance(value, str) and value.removeprefix("-").isdecimal() and len(value) <= MOST_DIGITS:
         return int(value)
-    try:
+    with suppress(ValueError):
         return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
+    return value
 
 
 def _check_scales(part: str, value: Setting, scene: Scene) -> None:

@@ -136,9 +136,12 @@ def read_mcap(path: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, str
     if not told:
         raise UsageError(f"{path}: no MCAP file of a run, or cut off before its first chunk")
     try:
-        columns, units = json.loads(told.get("columns", "[]")), json.loads(told.get("units", "{}"))
+        columns, units = json.loads(told.get("columns", "[]")), dict(json.loads(told.get("units", "{}")))
         fields = [(str(n), [("tag", f"V{len(tag)}"), ("value", "<f8")]) for n, tag in enumerate(_tags(len(columns)))]
-        table = np.frombuffer(b"".join(messages), np.dtype(fields))
+        kind = np.dtype(fields)
+        if any(len(each) != kind.itemsize for each in messages):
+            raise ValueError("a message with other fields")
+        table = np.frombuffer(b"".join(messages), kind)
     except ValueError as error:
         raise UsageError(f"{path}: no MCAP file of a run: {error}") from error
     return {name: table[str(n)]["value"].astype(float) for n, name in enumerate(columns)}, units, provenance, complete

@@ -117,6 +117,8 @@ class Provenance:
     bus: str
     """Name of the bus, or those of all buses."""
     simulated: bool
+    rehearsed: bool = False
+    """True for a run whose buses counted as real ones, while this program simulated the drives, as in `rehearse`."""
     drives: dict[str, dict[str, str | int | None]] = field(default_factory=dict)
     """By axis: title, vendor, product, revision and serial number that the drive reported."""
     schema: Literal[1] = 1

@@ -58,10 +58,10 @@ def read_provenance(path: str | Path) -> Provenance:
     if not isinstance(path, str | Path):
         raise wrong_kind("path", "that of a recording, a picture or a JSON object", path)
     path = Path(path)
-    found = _read(path, _found, "no provenance in it")
+    found, holder = _found(path)
     if found is None:
         raise UsageError(f"{path}: no provenance in it, nor in a file {side_file(path).name} beside it")
-    return checked(found, path)
+    return checked(found, holder)
 
 
 def check_apart(source: str | Path, *targets: str | Path | None) -> None:
@@ -110,8 +110,19 @@ def checked(found: object, path: Path) -> Provenance:
     return provenance
 
 
-def _found(path: Path) -> Any:
-    """Return the JSON object for a file; None where there is none. Raises OSError or ValueError."""
+def _found(path: Path) -> tuple[Any, Path]:
+    """Return the JSON object in a file, or in the file beside it, and the file that has it; None where there is none.
+
+    Raises UsageError.
+    """
+    found, beside = _read(path, _held_in, "no provenance in it"), side_file(path)
+    if found is None and beside.is_file():
+        return _read(beside, _held_in, "no provenance in it"), beside
+    return found, path
+
+
+def _held_in(path: Path) -> Any:
+    """Return the JSON object in a file; None where there is none. Raises OSError or ValueError."""
     if path.suffix == ".json":
         table = json.loads(read_octets(path, PROVENANCE_SIZE).decode())
         return table.get("provenance", table) if isinstance(table, dict) else None
@@ -125,8 +136,7 @@ def _found(path: Path) -> Any:
     if path.suffix in HOLDERS:
         text = HOLDERS[path.suffix](path)[2]
         return json.loads(text) if text else None
-    beside = side_file(path)
-    return json.loads(read_octets(beside, PROVENANCE_SIZE).decode()) if beside.is_file() else None
+    return None
 
 
 # Rows and frames.
@@ -199,8 +209,12 @@ class RecordedRun:
         elif suffix == ".mcap":
             text = "" if self.provenance is None else self.provenance.text()
             file = McapFile(path, list(self.columns), self.units, text, cut=not self.complete)
-            for first in range(0, len(table), 1000):
-                file.take(table[first : first + 1000].tobytes())
+            try:
+                for first in range(0, len(table), 1000):
+                    file.take(table[first : first + 1000].tobytes())
+            except BaseException:
+                file.close(None)
+                raise
             file.close(text)
         else:
             written, cut = self.to_arrow(), {} if self.complete else {CUT: "true"}
@@ -228,8 +242,8 @@ def read_recording(path: str | Path) -> RecordedRun:
 
 def _of(path: Path, columns: Mapping[str, Any], complete: bool) -> RecordedRun:
     """Return a recording with the provenance of the file beside it, which may tell the number of its rows or frames."""
-    told = _read(path, _found, "no provenance in it") if side_file(path).is_file() else None
-    provenance = None if told is None else checked(told, path)
+    told, holder = _found(path)
+    provenance = None if told is None else checked(told, holder)
     if told is not None and "count" in told:
         complete &= told["count"] is not None and len(next(iter(columns.values()))) >= told["count"]
     return RecordedRun(path, dict(columns), column_units(columns, provenance), provenance, complete)
@@ -250,9 +264,7 @@ def _csv(path: Path) -> RecordedRun:
                 raise UsageError(f'{path}: line {place}: "{line[:40]}"; {expected} between commas')
         raise ValueError(f"{expected} in a line")
     columns = {name: table[:, place] for place, name in enumerate(names)}
-    with np.errstate(invalid="ignore"):
-        rising = np.isfinite(table[:, 0]) & (np.diff(table[:, 0], prepend=-np.inf) > 0.0)
-    check_rows(path, "t_ns", columns["t_ns"], rising, "a finite time, later than that of the row before")
+    _check_times(path, columns["t_ns"])
     return _of(path, columns, len(whole) > 0 and octets.endswith(b"\n"))
 
 
@@ -271,11 +283,19 @@ def check_rows(path: Path, column: str, values: NDArray[Any], good: NDArray[np.b
         raise UsageError(f"{path}: row {row + 2}, column {column}: {values[row]:g}; expected {expected}")
 
 
+def _check_times(path: Path, times: NDArray[np.float64]) -> None:
+    """Raise UsageError for the first time that is not later than the one before."""
+    with np.errstate(invalid="ignore"):
+        rising = np.isfinite(times) & (np.diff(times, prepend=-np.inf) > 0.0)
+    check_rows(path, "t_ns", times, rising, "a finite time, later than that of the row before")
+
+
 def _held(path: Path) -> RecordedRun:
     """Return the rows of a file that holds its provenance."""
     columns, units, text, complete = HOLDERS[path.suffix](path)
     if "t_ns" not in columns:
         raise UsageError(f"{path}: no recording of a run: it has no column t_ns")
+    _check_times(path, columns["t_ns"])
     return RecordedRun(path, {**columns}, units, checked(json.loads(text), path) if text else None, complete)
 
 

@@ -6,7 +6,6 @@ previous one, and each is judged together with the previous ones. The running sc
 judged sets of elements.
 """
 
-import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from haptic_fieldbus.errors import HapticFieldbusError, UsageError, raise_all, w
 from haptic_fieldbus.numerals import exactly
 from haptic_fieldbus.planning.live_changes import RAMP, Change, RampingChange, plan_change
 from haptic_fieldbus.planning.plan import Plan
+from haptic_fieldbus.planning.request import LONGEST
 from haptic_fieldbus.scenes.catalogue import Setting
 from haptic_fieldbus.scenes.own_faults import own_faults
 from haptic_fieldbus.scenes.scene import Scene
@@ -109,7 +109,9 @@ class Changes:
         """
         if self._running is not None:
             raise UsageError("these changes belong to another run; make new ones")
-        faults = [] if 0.0 < self.ramp < math.inf else [f"ramp {exactly(self.ramp)}: expected a time above 0 s"]
+        faults = []
+        if not 0.0 < self.ramp <= LONGEST:
+            faults = [f"ramp {exactly(self.ramp)}: expected a time above 0 s, at most {exactly(LONGEST)} s"]
         faults += [
             f"change at {exactly(time)} s: expected a time above 0 s and below the duration, {exactly(duration)} s"
             for time, _ in self.scheduled

@@ -79,9 +79,11 @@ class EndSignals:
         if not report.interrupted:
             return None
         from haptic_fieldbus.assessing.result import Stopped
+        from haptic_fieldbus.planning.request import LONGEST
 
         time = None if report.enabled_at_ns is None else report.duration
-        self.when = EARLY if time is None else f" at {time:.1f} s of {exactly(duration)} s"
+        whole = f" of {exactly(duration)} s" if duration < LONGEST else ""  # a session without a duration has none
+        self.when = EARLY if time is None else f" at {time:.1f} s{whole}"
         return Stopped(self.name, time, duration, self.sentence)
 
     def hold(self) -> None:

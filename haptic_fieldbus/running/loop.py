@@ -90,12 +90,16 @@ class Caller:
     longest_ns: int = 0
     """Longest time that it took between two periods [ns]."""
 
-    def slow_on(self, plan: Plan) -> list[str]:
-        """Return the sentence about a caller that took longer than a period of a real bus; none for another."""
-        if plan.simulated or self.longest_ns <= plan.period_ns:
-            return []
-        longest, period = (rounded(1e-6 * each) for each in (self.longest_ns, plan.period_ns))
-        return [f"the block of the session took up to {longest} ms between two periods of {period} ms"]
+    def slow_on(self, plan: Plan, report: LoopReport) -> list[str]:
+        """Return a sentence if the caller took longer than a period of a real bus, and one if its functions did."""
+        computing_ns = report.sample("compute_ns").max(initial=0.0)
+        took = (("the block of the session", self.longest_ns), ("computing the force", computing_ns))
+        period = f"between two periods of {rounded(1e-6 * plan.period_ns)} ms"
+        return [
+            f"{who} took up to {rounded(1e-6 * longest_ns)} ms {period}"
+            for who, longest_ns in took
+            if not plan.simulated and longest_ns > plan.period_ns
+        ]
 
 
 Steps = Generator[None, None, T]
@@ -178,7 +182,7 @@ def loop_steps(
     elif failure is None:
         report.late_faults = bus.causes
     if failure is not None:
-        for note in [] if caller is None else caller.slow_on(plan):
+        for note in [] if caller is None else caller.slow_on(plan, report):
             failure.add_note(note)
         if not report.released:
             failure.add_note(UNCONFIRMED)

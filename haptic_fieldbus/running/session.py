@@ -217,7 +217,7 @@ class Session:
             yield
         finally:
             if caller is not None:
-                self._warnings += caller.slow_on(self.plan)
+                self._warnings += caller.slow_on(self.plan, report)
             if self.provenance is not None:
                 self._complete(self.provenance, report, cycle, stepped=caller is not None)
 

@@ -10,6 +10,7 @@ import scipy.signal
 
 import haptic_fieldbus
 from haptic_fieldbus.api.open_loop import GroundedCoupling
+from haptic_fieldbus.api.session import OwnEffort
 from haptic_fieldbus.errors import DocumentError, UsageError
 from haptic_fieldbus.numerics.integrators import METHODS, bind
 from haptic_fieldbus.scenes.coupling import Coupling
@@ -209,3 +210,10 @@ def test_settings_hold_for_a_scene_made_in_python_too() -> None:
     scene = Scene("one", "", AXES, (Wall("handle", 100.0),))
     found = haptic_fieldbus.response(scene, settings={"wall.stiffness": "0.2 N/mm"}, duration=0.01)
     assert found.force[-1] == pytest.approx(-200.0)
+
+
+def test_an_element_that_needs_the_torque_of_a_drive_is_refused() -> None:
+    effort = OwnEffort("handle", lambda feedback: 0.0, ("torque",))
+    scene = Scene("effort", "", (SceneAxis("handle", Workspace.LINEAR),), (effort,))
+    with pytest.raises(UsageError, match="element effort needs torque actual, which a prescribed motion does not have"):
+        haptic_fieldbus.response(scene)

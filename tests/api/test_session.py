@@ -1,10 +1,13 @@
 """A session beside the run that it cuts open, and every way to leave it: torque-free."""
 
+import copy
 import dis
 import math
 import os
+import pickle
 import re
 import signal
+import subprocess
 import sys
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +17,7 @@ from threading import enumerate as enumerate_threads
 from types import CodeType, FrameType
 from typing import Any
 
+import numpy as np
 import pytest
 
 from haptic_fieldbus import (
@@ -147,6 +151,8 @@ def test_however_the_block_is_left_the_drive_is_torque_free(
     assert live.result is not None
     assert live.result.cycles in (21, 22)
     assert (live.result.stopped is not None) == (leave is by_a_signal)
+    if live.result.stopped is not None:
+        assert live.result.stopped.message == "stopped by you at 0.0 s"
     with pytest.raises(StopIteration):
         next(live)
     repeat(tmp_path / "a.log", record=tmp_path / "b.log")
@@ -296,6 +302,44 @@ def test_a_function_of_ones_own_is_rendered() -> None:
     assert live.result.verdict.startswith("Feels right")
 
 
+def test_a_function_of_the_torque_has_no_known_error_and_is_not_called_free_of_contact() -> None:
+    """It gets the torque of the drive in the workspace, which follows the set-point of the period before."""
+    felt: list[float] = []
+
+    def damped(feedback: Any) -> float:
+        felt.append(feedback.torque)
+        return -200.0 * feedback.position - 2.0 * feedback.velocity  # type: ignore[no-any-return]
+
+    needs = ("position", "velocity", "torque")
+    with session(effort=damped, needs=needs, stiffness=200.0, damping=2.0, duration=1.2) as live:
+        given = [state.given for state in live]
+    assert max(map(abs, given)) > 1.0
+    assert felt[-1000:] == pytest.approx(given[-1001:-1])
+    result = live.result
+    assert result is not None
+    assert result.torque_error is None
+    assert result.verdict == "Not judged: the scene uses the torque of the drive, so its ideal is unknown"
+    assert len(result.traces[0].times) == 1200
+
+
+def test_the_result_of_a_function_is_copied_and_sent_though_the_function_is_not() -> None:
+    with session(effort=lambda feedback: -100.0 * feedback.position, stiffness=100.0, duration=0.7) as live:
+        list(live)
+    result = live.result
+    assert result is not None
+    sent = pickle.loads(pickle.dumps(result))
+    assert sent.to_json() == result.to_json()
+    assert sent.plan.scene.elements[0].stiffness == 100.0
+    with pytest.raises(UsageError, match="the function of this effort stayed in its process"):
+        sent.plan.scene.elements[0].law(None)
+    copied = copy.deepcopy(result).plan
+    assert copied is not None
+    assert copied.scene.elements == result.plan.scene.elements  # type: ignore[union-attr]
+    with session(effort=spring, needs=("position", "velocity"), stiffness=200.0, damping=2.0, duration=0.01) as live:
+        list(live)
+    assert pickle.loads(pickle.dumps(live.result)).plan.scene.elements[0].law is spring
+
+
 def test_none_is_no_force() -> None:
     with session(effort=lambda feedback: None, duration=0.3, hand="none") as live:
         assert {state.given for state in live} == {0.0}
@@ -337,6 +381,9 @@ def test_not_a_number_and_an_error_trip() -> None:
         ({"scene": "wall", "effort": spring}, UsageError, "either a scene or effort="),
         ({"effort": 3}, TypeError, "session() effort: expected a function"),
         ({"effort": spring, "needs": ("speed",)}, TypeError, "session() needs: expected some of position, velocity"),
+        ({"effort": spring, "needs": 5}, TypeError, "session() needs: expected some of position, velocity"),
+        ({"effort": spring, "needs": [["position"]]}, TypeError, "session() needs: expected some of position"),
+        ({"effort": spring, "stiffness": True}, TypeError, "session() stiffness: expected a number of 0 or more"),
         ({"effort": spring, "stiffness": -1.0}, TypeError, "session() stiffness: expected a number of 0 or more"),
         ({"scene": "wall", "duration": "1"}, TypeError, "session() duration: expected a number in s"),
     ],
@@ -344,6 +391,38 @@ def test_not_a_number_and_an_error_trip() -> None:
 def test_wrong_arguments_are_named(arguments: dict[str, Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=re.escape(message)):
         session(**arguments)
+
+
+def test_an_effort_declares_numbers_of_numpy_too() -> None:
+    figures: dict[str, Any] = {"stiffness": np.int64(100), "damping": np.float64(1.0)}
+    with session(effort=spring, needs=("position", "velocity"), duration=0.01, **figures) as live:
+        list(live)
+
+
+LEAKS = """
+import sys
+from haptic_fieldbus import session
+
+def states():
+    with session("wall", record={record!r}) as live:
+        yield from live
+
+{holder}left = states()
+while next({holder}left).time < 1.3:
+    pass
+"""
+"""Program that ends with a session open, in contact."""
+
+
+@pytest.mark.parametrize("holder", ["", "sys."], ids=["of the program", "of the interpreter"])
+def test_a_session_that_is_open_when_the_interpreter_ends_is_torque_free_and_says_nothing(
+    holder: str, tmp_path: Path
+) -> None:
+    record = tmp_path / "a.log"
+    program = LEAKS.format(record=str(record), holder=holder)
+    ended = subprocess.run((sys.executable, "-c", program), capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert ends_torque_free(record)
 
 
 def test_a_function_renders_the_only_axis_of_a_rig(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from hypothesis import strategies as st
 from haptic_fieldbus import Result, Sweep, UsageError, run, stability, sweep
 from haptic_fieldbus.api import sweep_folder
 from haptic_fieldbus.api.stability_limits import judge_scene
-from haptic_fieldbus.api.sweep_folder import SweepPoints
+from haptic_fieldbus.api.sweep_folder import HOST, SweepPoints
 from haptic_fieldbus.documents.own_parts import OwnName, content_digest
 from haptic_fieldbus.drive.rig import Identified
 from haptic_fieldbus.margins.closed_loop import environment_of
@@ -273,6 +273,7 @@ def test_what_no_point_could_have_is_refused_before_anything_is_computed(
         ("wall.stiffness", "points: expected a mapping"),
         ({"wall.stiffness": "600"}, "points: wall.stiffness: expected a list of values"),
         ({"wall.stiffness": [None]}, "points: wall.stiffness: expected a number"),
+        ({"method": {"rk4", "verlet"}}, "points: method: expected a list of values"),
         ({1: [1.0]}, "expected the name of a parameter"),
         ({"wall.stiffness": [2**80]}, "points: wall.stiffness: expected a number"),
         ({"wall.stiffness": np.ones((2, 2))}, "points: wall.stiffness: expected a number"),
@@ -442,12 +443,17 @@ def test_a_folder_is_taken_up_where_it_was_left(tmp_path: Path) -> None:
     sorted(out.glob("chunk-*.parquet"))[1].write_bytes(b"PAR1 cut off")
     gone = subprocess.Popen([sys.executable, "-c", ""])
     gone.wait()
-    (out / f"chunk-000002.parquet.{gone.pid}.new").write_bytes(b"")
-    (out / f"chunk-000003.parquet.{os.getppid()}.new").write_bytes(b"of a sweep that still writes")
+    (out / f"chunk-000002.parquet.{gone.pid}-{HOST}-0a.new").write_bytes(b"")
+    written = {
+        f"chunk-000003.parquet.{os.getppid()}-{HOST}-0a.new",
+        f"chunk-000003.parquet.{gone.pid}-elsewhere-0a.new",
+    }
+    for name in written:
+        (out / name).write_bytes(b"of a sweep that still writes, here or on another computer")
     found = sweep("wall", points, out=out, chunk=5, workers=1)
     assert found.complete
     assert found.computed == 40 - kept + 5
-    assert [path.name for path in out.glob("*.new")] == [f"chunk-000003.parquet.{os.getppid()}.new"]
+    assert {path.name for path in out.glob("*.new")} == written
     assert equal(found, sweep("wall", points, workers=1, chunk=5))
     assert sweep("wall", points, out=out, chunk=5).computed == 0
     assert Sweep.read(out).complete
@@ -747,7 +753,7 @@ def test_a_signal_whose_exception_is_lost_ends_a_sweep(
 def test_a_sweep_that_was_killed_while_it_wrote_its_manifest_goes_on(tmp_path: Path) -> None:
     left = subprocess.Popen([sys.executable, "-c", ""])
     left.wait()
-    half = tmp_path / f"manifest.json.{left.pid}.new"
+    half = tmp_path / f"manifest.json.{left.pid}-{HOST}-0a.new"
     half.write_text('{"schema": 1, "dig')
     found = sweep("wall", {"wall.stiffness": [300.0, 400.0]}, out=tmp_path, workers=1)
     assert (found.computed, half.exists()) == (2, False)
@@ -781,11 +787,19 @@ def test_of_two_sweeps_that_begin_at_once_one_is_refused(tmp_path: Path, monkeyp
     assert Sweep.read(out).to_arrow().column("wall.stiffness").to_pylist() == [300.0]
 
 
+def test_two_threads_of_a_process_fill_one_folder(tmp_path: Path) -> None:
+    points = {"wall.stiffness": [200.0 + place for place in range(40)]}
+    with ThreadPoolExecutor(4) as threads:
+        asked = [threads.submit(sweep, "wall", points, out=tmp_path, chunk=1, workers=1) for _ in range(4)]
+        assert all(each.result().complete for each in asked)
+    assert len({*tmp_path.iterdir()}) == 41
+
+
 def test_files_of_somebody_else_in_the_folder_stay(tmp_path: Path) -> None:
     points = {"wall.stiffness": [200.0, 300.0]}
     sweep("wall", points, out=tmp_path, workers=1)
     own = [tmp_path / name for name in ("figure.svg.new", "notes.new", "data.999999999.new")]
-    torn = tmp_path / f"{sweep_folder.MANIFEST}.999999999.new"
+    torn = tmp_path / f"{sweep_folder.MANIFEST}.999999999-{HOST}-0a.new"
     for path in (*own, torn):
         path.write_text("mine", encoding="utf-8")
     assert sweep("wall", points, out=tmp_path, workers=1).computed == 0

@@ -33,6 +33,14 @@ def test_the_rows_are_those_of_the_function(command: Command, tmp_path: Path) ->
     assert dict(printed(again.out))["points"].startswith("12, 12 of them before, in ")
 
 
+def test_limit_cycles_among_the_stable_points_are_told(command: Command, tmp_path: Path) -> None:
+    grid = ("--grid", "spring.stiffness=100,300,9000", "--grid", "rig.handle.coulomb_friction=0,0.002")
+    done = command("sweep", "spring", *grid, "--out", tmp_path / "rows", "--workers", 1)
+    assert dict(printed(done.out))["stable"] == "67 % of the points that were not refused, 33 % with a limit cycle"
+    found = Sweep.read(tmp_path / "rows")
+    assert (found.stable_fraction, found.limit_cycle_fraction) == (4 / 6, 2 / 6)
+
+
 def test_a_sample_and_refused_points_are_told(command: Command, tmp_path: Path) -> None:
     grid = ("--grid", "wall.stiffness=100:30000:log", "--grid", "rate=995:1005", "--sample", 9)
     done = command("sweep", "wall", *grid, "--seed", 3, "--out", tmp_path / "rows", "--json", "--workers", 1)
@@ -71,6 +79,10 @@ def test_a_sample_of_whole_numbers_is_whole(command: Command, tmp_path: Path) ->
         (("--grid", "wall.stifness=1,2"), 'no parameter "stifness" of wall'),
         (("--grid", "rate=500", "--engine", "quick"), 'engine "quick": expected verdict'),
         (("--grid", "rate=500", "--plot", "x.gif"), "the suffix must be one of"),
+        (("--grid", "rate=fast"), "--grid rate: expected a number in Hz, not 'fast'"),
+        (("--grid", "seed=1,2.5", "--engine", "full"), "--grid seed: expected a whole number, not 2.5"),
+        (("--grid", "wall.side=positive,negative", "--plot", "x.png"), "--plot: nothing to draw"),
+        (("--grid", "rate=500:1000", "--sample", "1", "--plot", "x.png"), "--plot: nothing to draw"),
     ],
     ids=str,
 )
@@ -119,7 +131,9 @@ def test_a_picture_tells_units_refusals_and_motion_in_words() -> None:
     drawn = draw_sweep(sweep("wall", grid, engine="full", duration=0.1, workers=1))
     assert drawn.axes[0].get_ylabel() == "error_rms [N]"
     assert "error_rms of 2 points, 1 refused" in {each.get_text() for each in drawn.findobj(Text)}
-    drawn = draw_sweep(sweep("wall", grid, engine="loop", workers=1))
+    loops = sweep("wall", grid, engine="loop", workers=1)
+    assert draw_sweep(loops, "peak").axes[0].get_ylabel() == "peak [m]"
+    drawn = draw_sweep(loops)
     assert {"motion decays", "motion grows"} <= labels_of(drawn)
 
 

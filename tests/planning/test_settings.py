@@ -133,6 +133,7 @@ def test_a_number_of_numpy_is_a_number() -> None:
     ("settings", "told"),
     [
         (["wall.stiffness=3"], r"^settings: expected a mapping such as .* not \['wall.stiffness=3'\] \(list\)$"),
+        ({"wall.stiffness": np.array([1.0, 2.0])}, r"^settings: wall\.stiffness: expected a number, .* not array"),
         ({"wall.stiffness": None}, r"^settings: wall\.stiffness: expected a number, a text, True or False, not None"),
     ],
 )

@@ -1,6 +1,7 @@
 """The provenance of a run, in every file that holds it, and the run again that it describes."""
 
 import json
+import math
 import os
 import platform
 import re
@@ -15,11 +16,22 @@ from typing import Any, cast
 import pytest
 
 import haptic_fieldbus
-from haptic_fieldbus import HapticFieldbusError, Provenance, UsageError, read_provenance, repeat, run
+from haptic_fieldbus import (
+    HapticFieldbusError,
+    Provenance,
+    UsageError,
+    compare_recording,
+    read_provenance,
+    read_recording,
+    repeat,
+    run,
+)
+from haptic_fieldbus.api import Trial, prepare_run
 from haptic_fieldbus.api import provenance as gathering
+from haptic_fieldbus.api.rehearsal import rehearsal
 from haptic_fieldbus.cli.app import application
 from haptic_fieldbus.documents.safe_read import PROVENANCE_SIZE
-from haptic_fieldbus.planning.request import RECORD_SUFFIXES
+from haptic_fieldbus.planning.request import RECORD_SUFFIXES, Task
 from haptic_fieldbus.protocols.catalogue import load_profile
 from haptic_fieldbus.recordings.provenance import (
     HIDDEN,
@@ -31,6 +43,7 @@ from haptic_fieldbus.recordings.provenance import (
     scrubbed,
     side_file,
     without_secrets,
+    write_beside,
 )
 from haptic_fieldbus.scenes.catalogue import scene_names
 from tests.cli.command import Command
@@ -293,6 +306,29 @@ def test_a_run_on_real_drives_is_repeated_in_simulation(tmp_path: Path) -> None:
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
+def test_a_rehearsal_is_told_from_a_run_on_a_real_drive(command: Command, tmp_path: Path) -> None:
+    with rehearsal(Task("wall"), Trial()) as rig:
+        task = Task("wall", rig, settings={"wall.stiffness": "max/2"})
+        found = prepare_run(task, Trial())[0].provenance
+    assert found is not None
+    assert (found.rehearsed, found.simulated) == (True, False)
+    run("wall", duration=0.01, record=tmp_path / "a.csv")
+    ordinary = read_provenance(tmp_path / "a.csv")
+    assert not ordinary.rehearsed
+    write_beside(tmp_path / "a.csv", replace(ordinary, rehearsed=True))
+    assert "rehearsed: the drives were simulated" in command("replay", tmp_path / "a.csv").out
+
+
+def test_the_file_beside_a_recording_is_named_where_it_is_damaged(tmp_path: Path) -> None:
+    record = tmp_path / "a.csv"
+    run("wall", duration=0.01, record=record)
+    for text, words in (("", "no provenance in it: Expecting value"), ("{}", "version: Field required")):
+        side_file(record).write_text(text, encoding="utf-8")
+        for read in (read_provenance, read_recording):
+            with pytest.raises(UsageError, match=rf"a\.csv\.provenance\.json: {words}"):
+                read(record)
+
+
 def test_the_result_of_a_trip_has_the_whole_provenance(tmp_path: Path) -> None:
     faults = tmp_path / "faults.toml"
     faults.write_text('[[fault]]\nkind = "emergency"\nat = 0.02\ncode = 0x2310\n')
@@ -376,6 +412,27 @@ def test_every_command_that_draws_is_tried() -> None:
     commands = [cast(Any, each.callback) for each in application().registered_commands]
     drawing = {each.__name__ for each in commands if "plot" in signature(each).parameters}
     assert drawing == {*WORDS, "run", "rehearse", "identify", "certify"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"rate": 0.0}, "rate 0: expected a rate above 0"),
+        ({"rate": math.nan}, "rate nan: expected a rate above 0"),
+        ({"fade_in": 0.0}, "fade-in 0 s: expected"),
+        ({"changes": ((0.005, {"wall.stiffness": 300.0}),), "ramp": 1e308}, "ramp 1e308: expected a time above 0 s"),
+    ],
+    ids=str,
+)
+def test_conditions_that_no_run_had_are_neither_repeated_nor_compared(
+    change: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    found = run("wall", duration=0.01, record=tmp_path / "a.csv").provenance
+    assert found is not None
+    write_beside(tmp_path / "a.csv", replace(found, conditions=replace(found.conditions, **change)))
+    for again in (repeat, compare_recording):
+        with pytest.raises(UsageError, match=words):
+            again(tmp_path / "a.csv")
 
 
 def test_what_is_no_provenance_is_refused(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from haptic_fieldbus.api.replaying import shown
 from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.buses.canopen.master import CanopenBus
 from haptic_fieldbus.errors import BusError
+from haptic_fieldbus.recordings.mcap import McapFile
 from haptic_fieldbus.recordings.provenance import side_file
 from haptic_fieldbus.report.plot import draw_run
 from haptic_fieldbus.running.rows import Rows
@@ -433,6 +434,15 @@ def test_a_table_that_is_no_recording_names_row_and_column(text: str, words: str
         read_recording(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize("times", [[0.0, 2.0, 1.0], [0.0, 1.0, 1.0]], ids=str)
+@pytest.mark.parametrize("suffix", [".mcap", ".parquet"])
+def test_rows_of_any_format_have_rising_times(suffix: str, times: list[float], tmp_path: Path) -> None:
+    path = tmp_path / f"a{suffix}"
+    RecordedRun(path, {"t_ns": np.array(times)}, {}, None, complete=True).write(path)
+    with pytest.raises(UsageError, match=r"column t_ns: 1; expected a finite time, later than"):
+        read_recording(path)
+
+
 def test_a_table_of_another_program_is_read_with_its_mark_and_its_ends_of_lines(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_bytes(b"\xef\xbb\xbft_ns,handle.position\r\n0,2\r\n1000000,3\r\n")
     found = read_recording(tmp_path / "a.csv")
@@ -619,6 +629,16 @@ def test_a_table_without_times_is_no_recording(tmp_path: Path) -> None:
     parquet.write_table(pyarrow.table({"a": [1.0, 2.0]}), tmp_path / "a.parquet")
     with pytest.raises(UsageError, match="it has no column t_ns"):
         read_recording(tmp_path / "a.parquet")
+
+
+def test_messages_of_another_length_are_no_rows(tmp_path: Path) -> None:
+    """Three of three octets are one row of nine octets only together."""
+    file = McapFile(tmp_path / "a.mcap", ["t_ns"], {}, "")
+    for octets in (b"one", b"two", b"six"):
+        file._writer.add_message(file._channel, 0, octets, 0)
+    file.close("")
+    with pytest.raises(UsageError, match=r"a\.mcap: no MCAP file of a run: a message with other fields"):
+        read_recording(tmp_path / "a.mcap")
 
 
 def test_the_library_of_mcap_decodes_columns_of_any_letters(tmp_path: Path) -> None:

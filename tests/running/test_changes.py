@@ -152,7 +152,7 @@ def test_times_that_no_run_has_are_refused_all_at_once() -> None:
     with pytest.raises(UsageError) as refused:
         changes.check(PLAN, 10.0, force=False)
     assert str(refused.value).splitlines() == [
-        "ramp 0: expected a time above 0 s",
+        "ramp 0: expected a time above 0 s, at most 1e6 s",
         "change at 0 s: expected a time above 0 s and below the duration, 10 s",
         "change at nan s: expected a time above 0 s and below the duration, 10 s",
         "change at 10 s: expected a time above 0 s and below the duration, 10 s",

@@ -9,7 +9,7 @@ from dataclasses import replace
 import can
 import pytest
 
-from haptic_fieldbus.assessing.loop_report import LoopReport, Record
+from haptic_fieldbus.assessing.loop_report import SAMPLES, LoopReport, Record
 from haptic_fieldbus.assessing.summary import notices
 from haptic_fieldbus.clock import VirtualClock
 from haptic_fieldbus.cycle.cycle import Cycle
@@ -381,6 +381,12 @@ def test_a_fault_that_a_drive_tells_after_the_last_period_is_a_warning(monkeypat
 
 def test_a_caller_that_took_longer_than_a_period_is_told_with_both_times() -> None:
     plan = plan_of(rig=replace(rig_of(WALL), bus={"bus": CanSection("socketcan", "can0")}))
-    assert Caller(longest_ns=PERIOD_NS).slow_on(plan) == []
+    report = LoopReport()
+    assert Caller(longest_ns=PERIOD_NS).slow_on(plan, report) == []
     told = "the block of the session took up to 3.46 ms between two periods of 1 ms"
-    assert Caller(longest_ns=3_456_000).slow_on(plan) == [told]
+    assert Caller(longest_ns=3_456_000).slow_on(plan, report) == [told]
+    report.samples = Record(SAMPLES, 2)
+    for computing_ns in (20_000_000.0, 1_000.0):
+        report.samples.push((1e6, 0.0, computing_ns, 0.0))
+    told = "computing the force took up to 20 ms between two periods of 1 ms"
+    assert Caller().slow_on(plan, report) == [told]
