@@ -9,8 +9,8 @@ Virtual damping, virtual masses and couplings can reverse this: with much virtua
 Therefore all corners are tried, and of a compliant coupling places between its ends too: with virtual damping the load
 may swing at the worst frequency between them. So may a virtual mass between the ends of the delay, and it may grow at
 one stiffness and not at a larger one: beside virtual masses the middle of the delay is tried too, each corner at a
-dense row of stiffnesses. Coupled axes are first all at the same corner. With damping one of them may be worst with a short
-lag and the other with a long one. From the worst corner so far, each axis alone is therefore tried at its other
+dense row of stiffnesses. Coupled axes are first all at the same corner. With damping one of them may be worst with a
+short lag and the other with a long one. From the worst corner so far, each axis alone is therefore tried at its other
 corners, until no limit is smaller. Tests draw benches from inside the ranges, and none has a smaller limit. That of a
 damped virtual mass may be smaller there.
 
