@@ -21,7 +21,14 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import OwnName
 from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
-from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
+from haptic_fieldbus.identification.certificate import (
+    FIRST_COUNTS,
+    FIRST_STEPS,
+    GAVE_WAY,
+    Certificate,
+    TappedContact,
+    Tapping,
+)
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds
 from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
@@ -33,7 +40,7 @@ from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.session import Session, agreed
-from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.element import AnyElement, Varying
 from haptic_fieldbus.sim.hand import Hand, Piece
 
 TOP_SHARE, LARGEST_SHARE = 0.8, 0.9
@@ -93,11 +100,18 @@ def certify(
     return bench.certificate()
 
 
-def _holds(element: AnyElement) -> bool:
-    """Return whether an element has a stiffness against a constant push, as a mass behind a spring has not."""
+def _at_rest(element: AnyElement) -> float:
+    """Return the stiffness against a constant push; that of a mass behind a spring is 0."""
     told = element.linearised()
     rest = np.linalg.lstsq(told.a, told.b[:, 0], rcond=None)[0] if told.order else np.zeros(0)
-    return abs(float(told.d[0, 0] - told.c[0] @ rest)) > 1e-6 * abs(float(told.d[0, 0]))
+    stiffness = abs(float(told.d[0, 0] - told.c[0] @ rest))
+    return stiffness if stiffness > 1e-6 * abs(float(told.d[0, 0])) else 0.0
+
+
+def _surface(element: AnyElement, side: float) -> float:
+    """Return the place at which the contact begins for a push to a side."""
+    places = (getattr(element, key, None) for key in ("position", "wall", "upper"))
+    return next((float(each) for each in places if each is not None), 0.0) + side * getattr(element, "dead_band", 0.0)
 
 
 class _TappedBench:
@@ -116,7 +130,7 @@ class _TappedBench:
         if len(self.plan.axes) != 1 or group is None or group.stiffest is None or axis.integrates:
             raise UsageError("certify needs a scene of one axis with a stiffness, on a drive that reports its position")
         self.group, self.element, self.unit = group, group.stiffest, axis.workspace.stiffness_unit
-        if not _holds(self.element):
+        if not _at_rest(self.element):
             raise UsageError(f"certify needs a contact that holds a constant push; {self.element.name} gives way to it")
         self.limit, self.predicted = group.stability.limit.value, group.stability.stiffness_limit.stable or 0.0
         if not (self.limit > 0.0 and math.isfinite(self.predicted)):
@@ -169,6 +183,9 @@ class _TappedBench:
         if (law := self._law(stiffness)) is None:
             return
         record = self._conducted(law, stiffness)
+        if law.failure == GAVE_WAY and self.contacts:  # the less stiff ones hold
+            self.ended = f"{law.failure}, at {in_unit(stiffness, self.unit)}"
+            return
         if law.failure and not law.grew:
             raise SafetyTripError(f"{law.failure}; torque is off")
         self.contacts.append(TappedContact(stiffness, law.growth, law.by_hand, record))
@@ -186,9 +203,13 @@ class _TappedBench:
         axis, limits, plant = self.axis, self.axis.limits, self.group.members[0].plant
         low, high = limits.position or (-math.inf, math.inf)
         side = -1.0 if getattr(self.element, "side", "positive") == "negative" else 1.0
-        surface = float(getattr(self.element, "position", 0.0))
+        stiff = with_parameters(self.element, {"stiffness": stiffness})
+        surface, soft = _surface(stiff, side), _at_rest(stiff)
         room = ROOM_SHARE * (high - surface if side > 0.0 else surface - low) * stiffness
         press = min(PRESS_SHARE * self.effort, room)
+        if isinstance(stiff, Varying) and max(map(abs, stiff.local(low, high).force)) < press:
+            text = in_unit(press, axis.workspace.effort_unit)
+            raise UsageError(f"certify needs a contact that holds a push of {text}; {stiff.name} gives way to it")
         least = max(FIRST_COUNTS * axis.resolution, FIRST_STEPS * axis.effort_unit / stiffness)
         if press / stiffness < 1.5 * least:
             self.ended = FEW if press < room else ""
@@ -199,7 +220,7 @@ class _TappedBench:
         )
         return Tapping(
             bounds, plant.mass, plant.coulomb, axis.delay.total + period, surface=surface, press=side * press,
-            least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
+            stiffness=soft, least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
         )  # fmt: skip
 
     def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:

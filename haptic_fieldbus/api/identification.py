@@ -24,7 +24,7 @@ from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageEr
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, ShaftRecord, errors_after, fit_shaft
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -175,7 +175,7 @@ def identify(
         )
     tell("fit")
     fit = fit_shaft([probe, used], guess)
-    check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
+    check = float(np.sqrt(np.mean(errors_after(fit.model, used, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
     if check > CHECK_WORSE * max(fit.residual, ENCODER_NOISE):
         found = found.with_warnings(
@@ -341,6 +341,8 @@ def conduct(session: Session, place: AbstractContextManager[Site], watch: Callab
     finally:
         with ended_by_signals() as ending:  # those of the command, which makes several runs
             ending.when = OFF
+    with ended_by_signals() as ending:
+        ending.resume()  # neither a fit nor another run goes on after a signal that a run has noted
     return session
 
 

@@ -2,7 +2,7 @@
 
 Theory. The values minimise the sum of the squared prediction errors of all samples, by the method of Levenberg and
 Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives are
-differences of whole predictions. A solution at a bound of delay or lag is tried again from another share of the lag.
+by `shaft.predicted_slopes`. A solution at a bound of delay or lag is tried again from another share of the lag.
 Of delay and lag the sum is best known, and is what a hand feels; it has an interval of its own.
 
 What is left is then searched for Stribeck friction and for waves of torque over the angle, such as cogging. A torque δ
@@ -31,7 +31,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
-from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, acting_torques, predicted_motion
+from haptic_fieldbus.identification.shaft import (
+    LEADING,
+    HeldSpan,
+    ShaftModel,
+    acting_torques,
+    predicted_motion,
+    predicted_slopes,
+)
 from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 
@@ -113,6 +120,17 @@ class ShaftRecord:
     def part(self, first: int, last: int | None = None) -> "ShaftRecord":
         """Return the samples from `first` up to `last`, without it."""
         return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
+
+    @property
+    def first_speed(self) -> float:
+        """Return the speed at the first sample [rad/s]; 0 where the shaft rests.
+
+        It is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
+        """
+        width = max(6, round(0.02 / self.period))
+        begin = np.array(self.positions[:width])
+        moves = np.ptp(begin) > 2.5 * self.resolution
+        return float(np.polyfit(self.period * np.arange(width), begin, 2)[1]) if moves else 0.0
 
     @property
     def top_speed(self) -> float:
@@ -268,17 +286,24 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
 
 
 def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
-    """Return the prediction errors of a record [counts], without those of its beginning, shape (n,).
-
-    The first speed is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
-    """
-    first, width = 0.0, max(6, round(0.02 / record.period))
-    begin = np.array(record.positions[:width])
-    if np.ptp(begin) > 2.5 * record.resolution:
-        first = float(np.polyfit(record.period * np.arange(width), begin, 2)[1])
-    found, _ = predicted_motion(model, record.positions, record.torques, record.period, first, leading)
+    """Return the prediction errors of a record [counts], without those of its beginning, shape (n,)."""
+    found, _ = predicted_motion(model, record.positions, record.torques, record.period, record.first_speed, leading)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors
+
+
+def errors_after(model: ShaftModel, before: ShaftRecord, record: ShaftRecord) -> Matrix:
+    """Return the prediction errors of a record that follows another one in motion [counts], shape (n,)."""
+    places, torques = before.positions + record.positions, before.torques + record.torques
+    return prediction_errors(model, replace(record, positions=places, torques=torques))[-len(record.positions) :]
+
+
+def error_slopes(models: Sequence[ShaftModel], record: ShaftRecord, leading: float) -> Matrix:
+    """Return by how much the prediction errors of further models differ from those of the first [counts], (n, m)."""
+    first = record.first_speed
+    found = predicted_slopes(models, record.positions, record.torques, record.period, first, leading)
+    slopes: Matrix = -found[unsettled_samples(record) :] / record.resolution
+    return slopes
 
 
 def unsettled_samples(record: ShaftRecord) -> int:
@@ -348,7 +373,7 @@ class _Problem:
     def _beside(self, responses: Callable[[ShaftRecord], Matrix]) -> tuple[Matrix, Matrix]:
         """Return the residuals, and what responses to further torques have beside the sensitivities of the values."""
         residuals, columns = self.residuals(self.vector), np.vstack([responses(each) for each in self.records])
-        known, _ = np.linalg.qr(self.sensitivities(self.vector, residuals))
+        known, _ = np.linalg.qr(self.sensitivities(self.vector))
         return residuals, columns - known @ (known.T @ columns)
 
     def further(self) -> list[ShaftModel]:
@@ -424,14 +449,12 @@ class _Problem:
         model = self._model_of(vector)
         return np.concatenate([prediction_errors(model, each, self.leading) for each in self.records])
 
-    def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
+    def sensitivities(self, vector: Matrix) -> Matrix:
         """Return the derivative of the residuals, shape (n, m)."""
-        columns = []
-        for place, step in enumerate(np.where(vector + SMALL > self.high, -SMALL, SMALL).tolist()):
-            moved = vector.copy()
-            moved[place] += step
-            columns.append((self.residuals(moved) - residuals) / step)
-        return np.column_stack(columns)
+        steps = np.where(vector + SMALL > self.high, -SMALL, SMALL)
+        models = [self._model_of(each) for each in (vector, *(vector + np.diag(steps)))]
+        slopes: Matrix = np.vstack([error_slopes(models, each, self.leading) for each in self.records]) / steps
+        return slopes
 
     def solved(self, enough: float = 1e-3) -> "_Problem":
         """Return the problem at its least sum of squares."""
@@ -457,7 +480,7 @@ class _Problem:
         cost, damping, slopes, is_fresh = float(residuals @ residuals), 1e-3, None, False
         for _ in range(MOST_STEPS):
             if slopes is None:
-                slopes, is_fresh = self.sensitivities(vector, residuals), True
+                slopes, is_fresh = self.sensitivities(vector), True
             gradient, hessian = slopes.T @ residuals, slopes.T @ slopes
             while damping < 1e7:
                 step = free_step(vector, self.low, self.high, gradient, hessian, damping)
@@ -486,7 +509,7 @@ class _Problem:
     def told(self, resonance: Estimate | None) -> ShaftFit:
         """Return the fit with its intervals and reasons."""
         model, vector, residuals = self.model, self.vector, self.residuals(self.vector)
-        spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
+        spreads = self._spreads(self.sensitivities(vector), residuals)
         values = (*(vector * self.scales)[: len(NAMES)].tolist(), model.delay + model.lag)
         rms, slow = float(np.sqrt(np.mean(residuals**2))), _Problem(self.records, model)
         left = float(np.sqrt(np.mean(slow.residuals(slow.vector) ** 2)))
@@ -519,8 +542,7 @@ class _Problem:
         both, near = vector[DELAY] + vector[LAG], vector.copy()
         near[LAG] = max(vector[LAG], LAG_SHARES[0] * both)
         near[DELAY] = max(both - near[LAG], 0.0)
-        residuals = self.residuals(near)
-        spread = width * self._spreads(self.sensitivities(near, residuals), self.residuals(vector))[LAG]
+        spread = width * self._spreads(self.sensitivities(near), self.residuals(vector))[LAG]
         lag, reference = (float(each[LAG] * self.scales[LAG]) for each in (vector, near))
         spread = max(spread, LEAST_SHARE_OF_LAG * both * self.period)
         wide = 2.0 * reference * spread + spread**2

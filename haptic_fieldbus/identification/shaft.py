@@ -25,9 +25,10 @@ residual is the noise of the encoder, whatever the gain.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,8 @@ LEADING = 6.0
 PARTS, FALLEN = {0.15: 2, 0.5: 4, math.inf: 8}, 2.5
 """Parts of a period in which Stribeck friction is followed, by the largest change of the speed in a period, and from
 which speed on it is 0; both speeds as multiples of that of the friction."""
+SMALL_STATE = 1e-7
+"""Step of a difference by a state, of its largest value."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
 Spans = list[tuple[float, int]]
@@ -71,18 +74,17 @@ class ShaftModel:
     waves: tuple[tuple[float, float, float], ...] = ()
     """Torques over the angle: number of periods per radian, times 2π, and torques of cosine and sine [N·m]."""
 
-    def torque_at(self, angle: float, way: float = 0.0) -> float:
-        """Return load and waves at an angle [rad], as the mean over a `way` around it [N·m]."""
+    def torque_at(self, angle: Any, way: Any = 0.0, functions: Any = math) -> Any:
+        """Return load and waves at an angle [rad], as the mean over a `way` around it [N·m]; arrays take `numpy`."""
         total = self.load
         for order, cosine, sine in self.waves:
-            half, turn = 0.5 * order * way, order * angle
-            share = math.sin(half) / half if abs(half) > 1e-6 else 1.0
-            total += share * (cosine * math.cos(turn) + sine * math.sin(turn))
+            half, turn = 0.5 * order * way + 1e-30, order * angle
+            total = total + functions.sin(half) / half * (cosine * functions.cos(turn) + sine * functions.sin(turn))
         return total
 
-    def friction_at(self, speed: float) -> float:
-        """Return Coulomb and Stribeck friction at a speed [N·m]."""
-        return self.coulomb + self.stribeck * math.exp(-((speed / self.stribeck_speed) ** 2))
+    def friction_at(self, speed: Any, functions: Any = math) -> Any:
+        """Return Coulomb and Stribeck friction at a speed [N·m]; arrays take `numpy`."""
+        return self.coulomb + self.stribeck * functions.exp(-((speed / self.stribeck_speed) ** 2))
 
 
 class HeldSpan:
@@ -107,7 +109,7 @@ class HeldSpan:
 
 span_values = attrgetter("speed_left", "way", "speed_of_force", "speed_of_torque", "way_of_force", "way_of_torque",
                          "torque_left")  # fmt: skip
-"""Return what a span does to the speed, to the angle and to the torque, in the order of `predicted_motion`."""
+"""Return what a span does to the speed, to the angle and to the torque, in the order of `_Periods`."""
 
 
 def predicted_motion(
@@ -123,58 +125,152 @@ def predicted_motion(
     `positions` [rad] are samples at multiples of the `period` [s], `torques` [N·m] the set-points computed from them,
     `speed` [rad/s] the first speed. With `leading` 0 it is an open integration from the first position.
     """
-    shaft = _Shaft(model, positions[0], speed)
-    acting, spans = acting_torques(model, torques, period)
-    pieces = whole = _pieces(model, spans, 1)
-    known = PARTS.items() if model.stribeck else ()
-    divided = [(share * model.stribeck_speed, _pieces(model, spans, parts)) for share, parts in known]
-    # Gains of the double pole; of the angle and of the speed.
-    near, pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
-    waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
-    falling, per_torque = FALLEN * model.stribeck_speed, period / model.inertia
-    out, speeds = [0.0] * len(positions), [0.0] * len(positions)
-    angle, torque, side, load, friction = shaft.angle, shaft.torque, shaft.side, shaft.load, shaft.friction
-    for k, place in enumerate(positions):
-        out[k], speeds[k] = angle, speed
-        error = place - angle
-        angle += near * error
-        if side:
-            speed += pull * error
-        if waves:
-            load = model.torque_at(angle + 0.5 * speed * period, speed * period)
-        if stribeck:
-            # Friction that changes within the period is followed in parts of it: the more, the more it can change.
-            begin, end, pieces = torque + load, acting[k + 1] + load, whole
+    states, _, _ = _Periods(model, torques, period, leading).path(positions, speed)
+    return states[:, 0], states[:, 1]
+
+
+def predicted_slopes(
+    models: Sequence[ShaftModel],
+    positions: Sequence[float],
+    torques: Sequence[float],
+    period: float,
+    speed: float = 0.0,
+    leading: float = LEADING,
+) -> Matrix:
+    """Return by how much the positions [rad] that further models predict differ from those of the first, shape (n, m).
+
+    To first order in their distance: on the motion of the first model, the differences that another state and another
+    model make in one period are taken for all periods side by side, and then added up.
+    """
+    first, *others = (_Periods(each, torques, period, leading) for each in models)
+    states, parts, is_smooth = first.path(positions, speed)
+    places, events = np.array(positions), np.flatnonzero(is_smooth == 0).tolist()
+
+    def after(periods: _Periods, begins: Matrix) -> Matrix:
+        found = periods.smooth_steps(places, begins, parts)
+        for k in events:
+            found[k] = periods.step(k, positions[k], *begins[k].tolist(), int(parts[k]))[:3]
+        return found
+
+    ends, small = after(first, states), SMALL_STATE * np.maximum(np.abs(states[:, :3]).max(axis=0), 1e-300)
+    turned = [(after(first, states + each) - ends) / each.sum() for each in np.eye(3, 4) * small[:, np.newaxis]]
+    by_state, by_model = np.stack(turned, axis=2), np.stack([after(each, states) - ends for each in others], axis=2)
+    apart, slopes = np.zeros((3, len(others))), np.empty((len(places), len(others)))
+    for k in range(len(places)):
+        slopes[k] = apart[0]
+        apart = by_state[k] @ apart + by_model[k]
+    return slopes
+
+
+class _Periods:
+    """The motion of a shaft from each sample to the next."""
+
+    def __init__(self, model: ShaftModel, torques: Sequence[float], period: float, leading: float) -> None:
+        self.model, self.period = model, period
+        self.acting, spans = acting_torques(model, torques, period)
+        known = PARTS.items() if model.stribeck else ()
+        self.pieces = [_pieces(model, spans, parts) for parts in (1, *(parts for _, parts in known))]
+        """Pieces of a period: undivided, then divided."""
+        self.shares = [-math.inf, *(share * model.stribeck_speed for share, _ in known)]
+        """Largest changes of the speed for each of them."""
+        # Gains of the double pole; of the angle and of the speed.
+        self.near, self.pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
+        self.step = self._stepping()
+
+    def path(self, positions: Sequence[float], speed: float) -> tuple[Matrix, Matrix, Matrix]:
+        """Return (angle, speed, torque, side) at each sample, which pieces follow, and whether no event is in them."""
+        shaft, step, found, followed = _Shaft(self.model, positions[0], speed), self.step, [], []
+        angle, torque, side = shaft.angle, shaft.torque, shaft.side
+        for k, place in enumerate(positions):
+            found.append((angle, speed, torque, side))
+            angle, speed, torque, side, *pieces = step(k, place, angle, speed, torque, side)
+            followed.append(pieces)
+        parts, is_smooth = np.array(followed).T
+        return np.array(found, float), parts, is_smooth.astype(bool)
+
+    def _stepping(self) -> Callable[..., tuple[float, float, float, int, int, bool]]:
+        """Return the function that moves the shaft by one period, through the events in it.
+
+        It takes number and place of a sample, angle, speed, torque and side, and which pieces to follow, if they are
+        known. It returns these four, which pieces were followed, and whether no event was in them.
+        """
+        model, period, acting, shares, near, pull = (
+            self.model, self.period, self.acting, self.shares, self.near, self.pull
+        )  # fmt: skip
+        waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
+        falling, per_torque, divided = FALLEN * model.stribeck_speed, period / model.inertia, [*enumerate(shares)]
+        shaft, exp, sticking = _Shaft(model, 0.0, 0.0), math.exp, model.coulomb + model.stribeck
+        constant, all_pieces = model.load, self.pieces
+
+        def step(
+            k: int, place: float, angle: float, speed: float, torque: float, side: int, parts: int | None = None
+        ) -> tuple[float, float, float, int, int, bool]:
+            error, is_smooth, load, friction = place - angle, True, constant, coulomb
+            angle += near * error
             if side:
-                change = per_torque * max(abs(begin - coulomb * side), abs(end - coulomb * side))
-            else:
-                change = per_torque * max(abs(begin) - coulomb, abs(end) - coulomb, 0.0)
-            if abs(speed) < falling + change:
-                pieces = next(parts for share, parts in divided if change <= share)
-            friction = coulomb + stribeck * math.exp(-((speed * slowness) ** 2))
-        for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in pieces:
-            target = acting[k + ahead]
-            behind = torque - target
-            if pieces is not whole:
-                # In the middle of the part, as far as the friction of the part before tells it.
-                middle = speed + 0.5 * by_force * (torque + load - friction * side)
-                friction = coulomb + stribeck * math.exp(-((middle * slowness) ** 2))
-            # What happens to a shaft that slips on, or sticks on; anything else is followed event by event.
-            if side:
-                force = target + load - friction * side
-                new = left * speed + force * by_force + behind * by_torque
-                if new * side > 0.0 and speed * side >= 0.0:
-                    angle += way * speed + force * far + behind * beside
-                    speed, torque = new, target + behind * after
+                speed += pull * error
+            if waves:
+                load = model.torque_at(angle + 0.5 * speed * period, speed * period)
+            if stribeck:
+                if parts is None:
+                    # Friction that changes within the period is followed in parts of it: the more, the more it changes.
+                    begin, end, parts = torque + load, acting[k + 1] + load, 0
+                    if side:
+                        change = per_torque * max(abs(begin - coulomb * side), abs(end - coulomb * side))
+                    else:
+                        change = per_torque * max(abs(begin) - coulomb, abs(end) - coulomb, 0.0)
+                    if abs(speed) < falling + change:
+                        parts = next(number for number, share in divided if change <= share)
+                friction = coulomb + stribeck * exp(-((speed * slowness) ** 2))
+            for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in all_pieces[parts or 0]:
+                target = acting[k + ahead]
+                behind = torque - target
+                if parts:
+                    # In the middle of the part, as far as the friction of the part before tells it.
+                    middle = speed + 0.5 * by_force * (torque + load - friction * side)
+                    friction = coulomb + stribeck * exp(-((middle * slowness) ** 2))
+                # What happens to a shaft that slips on, or sticks on; anything else is followed event by event.
+                if side:
+                    force = target + load - friction * side
+                    new = left * speed + force * by_force + behind * by_torque
+                    if new * side > 0.0 and speed * side >= 0.0:
+                        angle += way * speed + force * far + behind * beside
+                        speed, torque = new, target + behind * after
+                        continue
+                elif abs(target + behind * after + load) <= sticking:
+                    torque = target + behind * after
                     continue
-            elif abs(target + behind * after + load) <= shaft.breakaway:
+                shaft.angle, shaft.speed, shaft.torque, shaft.side = angle, speed, torque, side
+                shaft.load, shaft.friction, is_smooth = load, friction, False
+                shaft.move(seconds, target)
+                angle, speed, torque, side = shaft.angle, shaft.speed, shaft.torque, shaft.side
+            return angle, speed, torque, side, parts or 0, is_smooth
+
+        return step
+
+    def smooth_steps(self, places: Matrix, begins: Matrix, parts: Matrix) -> Matrix:
+        """Return what `step` returns for each sample, as if there were no events: angle, speed and torque, (n, 3)."""
+        angle, speed, torque, side = begins.T
+        slips, acting, error = np.abs(side), np.array(self.acting), places - angle
+        angle, speed = angle + self.near * error, speed + slips * self.pull * error
+        load = self.model.torque_at(angle + 0.5 * speed * self.period, speed * self.period, np)
+        friction, ends = self.model.friction_at(speed, np), np.empty((len(places), 3))
+        columns = np.stack(np.broadcast_arrays(angle, speed, torque, side, slips, load, friction))
+        for number, pieces in enumerate(self.pieces):
+            at = np.flatnonzero(parts == number)
+            angle, speed, torque, side, slips, load, friction = columns[:, at]
+            for (left, way, by_force, by_torque, far, beside, after), _, ahead in pieces:
+                target = acting[at + ahead]
+                behind = torque - target
+                if number:
+                    middle = speed + 0.5 * by_force * (torque + load - friction * side)
+                    friction = self.model.friction_at(middle, np)
+                force = target + load - friction * side
+                angle = angle + slips * (way * speed + force * far + behind * beside)
+                speed = slips * (left * speed + force * by_force + behind * by_torque)
                 torque = target + behind * after
-                continue
-            shaft.angle, shaft.speed, shaft.torque, shaft.side = angle, speed, torque, side
-            shaft.load, shaft.friction = load, friction
-            shaft.move(seconds, target)
-            angle, speed, torque, side = shaft.angle, shaft.speed, shaft.torque, shaft.side
-    return np.array(out), np.array(speeds)
+            ends[at] = np.stack([angle, speed, torque], axis=1)
+        return ends
 
 
 def _pieces(model: ShaftModel, spans: Spans, parts: int) -> list[tuple[tuple[float, ...], float, int]]:

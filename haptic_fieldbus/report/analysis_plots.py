@@ -20,7 +20,7 @@ from haptic_fieldbus.api.sweep_folder import Sweep
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification import IdentifiedBench, interval_text
-from haptic_fieldbus.identification.fit import ShaftRecord, prediction_errors, torque_balance, unsettled_samples
+from haptic_fieldbus.identification.fit import ShaftRecord, errors_after, prediction_errors, torque_balance
 from haptic_fieldbus.identification.shaft import ShaftModel
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
@@ -455,12 +455,14 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     (motion, error), (size, friction), (phase, travel), (shared, blank) = panels
     blank.set_axis_off()
     begin = 0.0
-    for record, colour, label in ((used, BLUE, "used in the fit"), (unused, ORANGE, "predicted only")):
+    for record, errors, colour, label in (
+        (used, prediction_errors(fit.model, used), BLUE, "used in the fit"),
+        (unused, errors_after(fit.model, used, unused), ORANGE, "predicted only"),
+    ):
         times: Array = begin + record.period * np.arange(len(record.positions), dtype=float)
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
-        settled = times[unsettled_samples(record) :]
-        error.plot(*thin(settled, prediction_errors(fit.model, record)), color=colour, linewidth=0.8)
+        error.plot(*thin(times[-len(errors) :], errors), color=colour, linewidth=0.8)
     dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")
     frequencies, response, coherence = measured_response(used)

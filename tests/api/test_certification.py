@@ -235,6 +235,39 @@ def test_a_handle_that_leaves_its_travel_ends_it(bench: Path, monkeypatch: pytes
         certify(CertifyTask(Task("wall", bench, rate=SLOW)))
 
 
+def test_a_contact_that_holds_no_push_is_refused_before_anything_moves(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The end stops behind the detents swung well damped, and were told as the detents."""
+    bench.write_text(rig_text(), encoding="utf-8")
+    stopping(monkeypatch)
+    with pytest.raises(UsageError, match="holds a push of .* N; detents gives way to it"):
+        certify(CertifyTask(Task("detents", bench)))
+
+
+@pytest.mark.thorough("taps a contact in three steps")
+def test_a_rubber_ball_is_certified_as_far_as_it_is_as_stiff_as_it_says(bench: Path) -> None:
+    """Of 3600 N/m at its largest force, the press finds 2300."""
+    bench.write_text(rig_text(), encoding="utf-8")
+    found = certify(CertifyTask(Task("hunt_crossley", bench)))
+    assert "the contact gave way to the press" in found.ended
+    assert found.seen is not None
+    assert 900.0 <= found.seen < 3600.0
+
+
+@pytest.mark.thorough("taps two contacts")
+@pytest.mark.parametrize("scene", ["end_stops", "standard_linear_solid"])
+def test_a_contact_is_tapped_at_its_surface_and_may_be_soft_at_rest(
+    scene: str, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(certification, "STEP", 4.0)
+    bench.write_text(rig_text(), encoding="utf-8")
+    found = certify(CertifyTask(Task(scene, bench)))
+    assert found.seen == found.contacts[-1].stiffness
+    assert found.onset is not None
+    assert found.onset.value == pytest.approx(found.predicted, rel=0.05)
+
+
 def test_a_contact_whose_swings_have_too_few_counts_is_not_tapped(bench: Path) -> None:
     text = bench.read_text(encoding="utf-8")
     bench.write_text(text.replace("encoder_counts_per_revolution = ", "encoder_counts_per_revolution = 24 #"), "utf-8")

@@ -52,7 +52,7 @@ def laid(bench: Bench, stiffness: float, side: float = 1.0) -> Tapping:
     least = max(FIRST_COUNTS * bench.bounds.resolution, 10.0 * STEP * bench.effort / stiffness)
     return Tapping(
         bench.bounds, model.inertia, model.coulomb, model.delay + model.lag, surface=side * SURFACE, press=press,
-        least=least,
+        stiffness=stiffness, least=least,
     )  # fmt: skip
 
 

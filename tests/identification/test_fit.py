@@ -14,6 +14,7 @@ from haptic_fieldbus.identification.experiment import GuidedMotion
 from haptic_fieldbus.identification.fit import (
     ShaftFit,
     ShaftRecord,
+    errors_after,
     first_guess,
     fit_shaft,
     prediction_errors,
@@ -76,6 +77,15 @@ def test_the_values_are_those_of_scipys_least_squares_within_the_intervals() -> 
         assert estimate.low <= value <= estimate.high, name
     assert mine.values["inertia"].value == pytest.approx(4e-5, rel=2e-3)
     assert mine.residual == pytest.approx(float(np.sqrt(2.0 * theirs.cost / 1200)), rel=0.15)
+
+
+def test_a_record_that_begins_in_motion_is_predicted_from_what_was_before() -> None:
+    """Its first speed is not known from its first counts."""
+    whole = replace(record_of(TRUE, multisine(1200, 0.02)), resolution=COUNT)
+    before, record = whole.part(0, 700), whole.part(700)
+    errors = errors_after(TRUE, before, record)
+    assert len(errors) == 500
+    assert np.sqrt(np.mean(errors**2)) < 0.4 < 0.5 * np.sqrt(np.mean(prediction_errors(TRUE, record) ** 2))
 
 
 def test_the_solution_is_a_minimum_of_its_own_sum_of_squares() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_motion
+from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_motion, predicted_slopes
 
 PERIOD = 0.002
 SMOOTH = ShaftModel(4e-5, 3e-4, 0.0, 0.0007, 0.0006)
@@ -141,3 +141,27 @@ def test_the_model_is_led_back_to_a_record_that_it_does_not_explain() -> None:
     at_rest, _ = predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD)
     assert abs(at_rest[-1] - drifting[-1]) < 0.01
     assert predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD, leading=0.0)[0][-1] == 0.0
+
+
+RICH = ShaftModel(
+    4e-5, 3e-4, 2e-3, 0.0011, 0.0006, 2e-4, stribeck=8e-4, stribeck_speed=3.0, waves=((14.0, 1e-4, -3e-4),)
+)
+
+
+@pytest.mark.parametrize(
+    "model", [SMOOTH, ROUGH, replace(LOADED, delay=1e-5), RICH], ids=["smooth", "rough", "loaded", "rich"]
+)
+@pytest.mark.parametrize("key", ["inertia", "damping", "coulomb", "delay", "lag", "load"])
+def test_a_slope_is_the_difference_of_two_predictions(model: ShaftModel, key: str) -> None:
+    """Over reversals, breakaways and rest; the difference over both sides has an error of second order."""
+    torques, scales = pushes(300, 0.01), {"inertia": 4e-5, "delay": PERIOD, "lag": PERIOD, "damping": 1e-4}
+    step = 1e-4 * scales.get(key, 2e-3)
+    positions = np.round(predicted_motion(model, [0.0] * 300, torques, PERIOD, leading=0.0)[0], 3).tolist()
+
+    def moved(side: float) -> ShaftModel:
+        return replace(model, **{key: getattr(model, key) + side * step})
+
+    ahead, behind = (predicted_motion(moved(side), positions, torques, PERIOD)[0] for side in (1.0, -1.0))
+    slope = predicted_slopes([model, moved(1.0)], positions, torques, PERIOD)[:, 0]
+    assert np.ptp(slope) > 0.0
+    assert np.linalg.norm(slope - 0.5 * (ahead - behind)) < 0.02 * np.linalg.norm(slope)
