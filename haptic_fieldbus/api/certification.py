@@ -148,8 +148,11 @@ class _TappedBench:
         top = f"{in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset)"
         yield f"axis {self.axis.name}: the handle moves by itself, into the contact and back"
         yield f"at most {effort} ({percent(share)} of rated torque)"
-        yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
-        yield f"above it, up to {top}: nobody may touch the handle"
+        if self.top <= self.limit:
+            yield f"up to {top}, which is below the limit: {taps}"
+        else:
+            yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
+            yield f"above it, up to {top}: nobody may touch the handle"
 
     def stiffnesses(self) -> Iterator[float]:
         """Yield each stiffness to tap, decided after the one before."""
@@ -207,7 +210,7 @@ class _TappedBench:
         surface, soft = _surface(stiff, side), _at_rest(stiff)
         room = ROOM_SHARE * (high - surface if side > 0.0 else surface - low) * stiffness
         press = min(PRESS_SHARE * self.effort, room)
-        if isinstance(stiff, Varying) and max(map(abs, stiff.local(low, high).force)) < press:
+        if isinstance(stiff, Varying) and max(map(abs, stiff.local(-math.inf, math.inf).force)) < press:
             text = in_unit(press, axis.workspace.effort_unit)
             raise UsageError(f"certify needs a contact that holds a push of {text}; {stiff.name} gives way to it")
         least = max(FIRST_COUNTS * axis.resolution, FIRST_STEPS * axis.effort_unit / stiffness)

@@ -24,7 +24,14 @@ from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageEr
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, ShaftRecord, errors_after, fit_shaft
+from haptic_fieldbus.identification.fit import (
+    ENCODER_NOISE,
+    ShaftFit,
+    ShaftRecord,
+    allowed_error,
+    errors_after,
+    fit_shaft,
+)
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -65,7 +72,8 @@ LONGEST = 300.0
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
 CHECK_WORSE = 2.0
-"""Prediction error of the unused part of the record, as a multiple of that of the fit, from which on it is told."""
+"""Prediction error of the unused part of the record, as a multiple of that of the fit, from which on it is told, if it
+is more than the intervals of the values allow."""
 LEADING_SHARE = 2.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 Question = Callable[[str], bool]
@@ -177,7 +185,7 @@ def identify(
     fit = fit_shaft([probe, used], guess)
     check = float(np.sqrt(np.mean(errors_after(fit.model, used, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
-    if check > CHECK_WORSE * max(fit.residual, ENCODER_NOISE):
+    if check > max(CHECK_WORSE * max(fit.residual, ENCODER_NOISE), allowed_error(fit, rest)):
         found = found.with_warnings(
             f"the motion that was fitted is explained to {rounded(fit.residual)} counts, but one with other "
             f"oscillations is predicted to {rounded(check)} counts only: the values may not hold for other motions"

@@ -171,6 +171,9 @@ def _axis_of(found: RecordedRun, plan: Plan, base: Rig, axis: str | None, profil
     *needed, last = "position", "target torque", "statusword", "flags"
     if recorded.integrates or any(f"{name}.{each}" not in found.columns for each in (*needed, last)):
         raise UsageError(f"{found.path}: expected rows of {name} with {', '.join(needed)} and {last}")
+    for each in (*needed, last):
+        if not np.all(np.isfinite(found[f"{name}.{each}"])):
+            raise UsageError(f"{found.path}: {name}.{each} is missing in some rows; expected a number in each")
     return recorded
 
 

@@ -90,6 +90,8 @@ largest ratio of the ends of this interval."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
+FIELDS = ("inertia", "damping", "coulomb", "delay", "lag", "load")
+"""Values of a fit, and the fields of `ShaftModel` that they are."""
 DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
 
 
@@ -304,6 +306,13 @@ def error_slopes(models: Sequence[ShaftModel], record: ShaftRecord, leading: flo
     found = predicted_slopes(models, record.positions, record.torques, record.period, first, leading)
     slopes: Matrix = -found[unsettled_samples(record) :] / record.resolution
     return slopes
+
+
+def allowed_error(fit: ShaftFit, record: ShaftRecord) -> float:
+    """Return the root mean square of what values at the ends of their intervals change in a prediction [counts]."""
+    ends = {key: getattr(fit.model, key) + fit.values[name].half_width for name, key in zip(NAMES, FIELDS, strict=True)}
+    models = [fit.model, *(replace(fit.model, **{key: end}) for key, end in ends.items())]
+    return float(np.sqrt(np.mean(np.sum(error_slopes(models, record, LEADING) ** 2, axis=1))))
 
 
 def unsettled_samples(record: ShaftRecord) -> int:

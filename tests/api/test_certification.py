@@ -65,6 +65,10 @@ def test_the_effort_is_announced_and_at_most_a_fifth_of_rated_torque(
     text = " ".join(told)
     for part in ("10.1 N (20 % of rated torque)", "keep hands off", "80 % of the predicted onset", "nobody may touch"):
         assert part in text
+    low: list[str] = []
+    with pytest.raises(SafetyTripError):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW), share=0.05), announce=low.extend)
+    assert "(5 % of the predicted onset), which is below the limit: keep hands off" in low[-1]
     narrow = bench.read_text(encoding="utf-8").replace("[axis.handle.limits]", "[axis.handle.limits]\neffort = 2.0")
     bench.write_text(narrow, encoding="utf-8")
     with pytest.raises(SafetyTripError):
@@ -241,7 +245,7 @@ def test_a_contact_that_holds_no_push_is_refused_before_anything_moves(
     """The end stops behind the detents swung well damped, and were told as the detents."""
     bench.write_text(rig_text(), encoding="utf-8")
     stopping(monkeypatch)
-    with pytest.raises(UsageError, match="holds a push of .* N; detents gives way to it"):
+    with pytest.raises(UsageError, match=r"holds a push of .* N; detents gives way to it"):
         certify(CertifyTask(Task("detents", bench)))
 
 
