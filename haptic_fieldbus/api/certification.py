@@ -31,8 +31,8 @@ from haptic_fieldbus.identification.certificate import (
 )
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import ShaftFit, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.margins.closed_loop import with_parameters
 from haptic_fieldbus.numerals import in_unit, percent, rounded_down
 from haptic_fieldbus.planning.limits import BEYOND_SHARE

@@ -24,14 +24,8 @@ from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageEr
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import (
-    ENCODER_NOISE,
-    ShaftFit,
-    ShaftRecord,
-    allowed_error,
-    errors_after,
-    fit_shaft,
-)
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, allowed_error, errors_after, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -309,7 +303,8 @@ class _Bench:
         period, resolution, ratio = self.bounds.period, self.bounds.resolution, self.axis.mechanism.ratio
         record, held = shaft_record_of(*map(np.array, columns), period=period, resolution=resolution, ratio=ratio)
         if (missing := 1.0 - len(stages) / len(held)) > 0.01:
-            raise SafetyTripError(f"{rounded(100.0 * missing)} % of the samples are missing; torque is off")
+            lost = f"{rounded(100.0 * missing)} % of the samples are missing; torque is off"
+            raise SafetyTripError(f"{lost}. Free computer and bus of other work, or lower --rate")
         return record, [stages[each] for each in held]
 
     def limit(self, kept: Identified) -> tuple[float, str, str] | None:

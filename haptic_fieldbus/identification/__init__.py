@@ -5,7 +5,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord
+from haptic_fieldbus.identification.fit import ShaftFit
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 from haptic_fieldbus.signals import Workspace
 

@@ -20,7 +20,7 @@ from itertools import takewhile
 
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds, ExperimentError, GuidedMotion, Stage
-from haptic_fieldbus.identification.fit import ShaftRecord
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.numerals import OutputRow, in_unit, rounded, with_interval
 
 TAPS = 2

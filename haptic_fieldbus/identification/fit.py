@@ -33,8 +33,8 @@ import numpy as np
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
 from haptic_fieldbus.identification.shaft import (
     LEADING,
-    HeldSpan,
     ShaftModel,
+    ShaftRecord,
     acting_torques,
     predicted_motion,
     predicted_slopes,
@@ -92,54 +92,7 @@ SMALL = 1e-4
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
 FIELDS = ("inertia", "damping", "coulomb", "delay", "lag", "load")
 """Values of a fit, and the fields of `ShaftModel` that they are."""
-DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
-
-
-@dataclass(frozen=True)
-class ShaftRecord:
-    """Samples of one experiment at the motor shaft, at multiples of the period."""
-
-    period: float
-    """[s]"""
-    positions: tuple[float, ...]
-    """[rad]"""
-    torques: tuple[float, ...]
-    """Set-point that was computed from each sample [N·m]."""
-    resolution: float
-    """One encoder count [rad]."""
-
-    def torques_under(self, width: int, delay: float) -> Matrix:
-        """Return the mean torque under a triangle of half a `width` around each sample between the first and last ones.
-
-        `width` is in periods, and so is the `delay` of the set-points.
-        """
-        triangle = np.concatenate([np.arange(1, width + 1), np.arange(width - 1, 0, -1)]) / width**2
-        # A set-point acts from its sample on, so its middle is half a period later.
-        samples = np.arange(len(self.positions))
-        acting = np.interp(samples - 0.5 - delay, samples, self.torques)
-        return np.convolve(acting, triangle, "valid")[1:]
-
-    def part(self, first: int, last: int | None = None) -> "ShaftRecord":
-        """Return the samples from `first` up to `last`, without it."""
-        return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
-
-    @property
-    def first_speed(self) -> float:
-        """Return the speed at the first sample [rad/s]; 0 where the shaft rests.
-
-        It is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
-        """
-        width = max(6, round(0.02 / self.period))
-        begin = np.array(self.positions[:width])
-        moves = np.ptp(begin) > 2.5 * self.resolution
-        return float(np.polyfit(self.period * np.arange(width), begin, 2)[1]) if moves else 0.0
-
-    @property
-    def top_speed(self) -> float:
-        """Return the largest speed, of means over 10 ms or a period [rad/s]."""
-        width = max(1, round(0.01 / self.period))
-        ways = np.subtract(self.positions[width:], self.positions[:-width])
-        return float(np.abs(ways).max(initial=0.0)) / (width * self.period)
+DELAY, LAG, LOAD = (NAMES.index(each) for each in ("delay", "torque_lag", "load"))
 
 
 @dataclass(frozen=True)
@@ -289,7 +242,7 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
 
 def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
     """Return the prediction errors of a record [counts], without those of its beginning, shape (n,)."""
-    found, _ = predicted_motion(model, record.positions, record.torques, record.period, record.first_speed, leading)
+    found, _ = predicted_motion(model, record, leading)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors
 
@@ -302,9 +255,7 @@ def errors_after(model: ShaftModel, before: ShaftRecord, record: ShaftRecord) ->
 
 def error_slopes(models: Sequence[ShaftModel], record: ShaftRecord, leading: float) -> Matrix:
     """Return by how much the prediction errors of further models differ from those of the first [counts], (n, m)."""
-    first = record.first_speed
-    found = predicted_slopes(models, record.positions, record.torques, record.period, first, leading)
-    slopes: Matrix = -found[unsettled_samples(record) :] / record.resolution
+    slopes: Matrix = -predicted_slopes(models, record, leading)[unsettled_samples(record) :] / record.resolution
     return slopes
 
 
@@ -417,20 +368,15 @@ class _Problem:
     def _further_responses(self, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
         """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then pairs of waves."""
         model, leading, period = self.model, self.leading, record.period
-        angles, moved = predicted_motion(model, record.positions, record.torques, period, leading=leading)
+        angles, moved = predicted_motion(model, record, leading)
         turns, middles = np.outer(angles + 0.5 * period * moved, orders), np.outer(moved, 1.0 / speeds)
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
         waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * period * orders / math.pi)), 2, axis=1)
         torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
-        span, near, pull = HeldSpan(model, period), 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
-        angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
-        for k, torque in enumerate(torques):
-            out[k] = angle
-            speed -= pull * angle
-            angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
-            speed = span.speed_left * speed + span.speed_of_force * torque
-        responses: Matrix = out[unsettled_samples(record) :] / record.resolution
-        return responses
+        small = SMALL * float(self.scales[LOAD])
+        loaded = [model, replace(model, load=model.load + small)]
+        responses: Matrix = predicted_slopes(loaded, record, leading, torques / small)
+        return responses[unsettled_samples(record) :] / record.resolution
 
     def resonance(self) -> Estimate | None:
         """Return the frequency of a mode that explains a good part of the residual, as of an elastic shaft, or None.
@@ -579,7 +525,7 @@ def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Ma
     set-point makes after delay and lag.
     """
     eigen = modes[:, 0] * (-modes[:, 1] + 1j * np.sqrt(1.0 - modes[:, 1] ** 2))
-    acting, spans = acting_torques(model, record.torques, record.period)
+    acting, spans = acting_torques(model, record)
     pieces = []
     for seconds, ahead in spans:
         left, after = np.exp(eigen * seconds), math.exp(-seconds / model.lag)

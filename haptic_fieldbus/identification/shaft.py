@@ -26,7 +26,7 @@ residual is the noise of the encoder, whatever the gain.
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any
 
@@ -87,6 +87,53 @@ class ShaftModel:
         return self.coulomb + self.stribeck * functions.exp(-((speed / self.stribeck_speed) ** 2))
 
 
+@dataclass(frozen=True)
+class ShaftRecord:
+    """Samples of one experiment at the motor shaft, at multiples of the period."""
+
+    period: float
+    """[s]"""
+    positions: tuple[float, ...]
+    """[rad]"""
+    torques: tuple[float, ...]
+    """Set-point that was computed from each sample [N·m]."""
+    resolution: float
+    """One encoder count [rad]."""
+
+    def torques_under(self, width: int, delay: float) -> Matrix:
+        """Return the mean torque under a triangle of half a `width` around each sample between the first and last ones.
+
+        `width` is in periods, and so is the `delay` of the set-points.
+        """
+        triangle = np.concatenate([np.arange(1, width + 1), np.arange(width - 1, 0, -1)]) / width**2
+        # A set-point acts from its sample on, so its middle is half a period later.
+        samples = np.arange(len(self.positions))
+        acting = np.interp(samples - 0.5 - delay, samples, self.torques)
+        return np.convolve(acting, triangle, "valid")[1:]
+
+    def part(self, first: int, last: int | None = None) -> "ShaftRecord":
+        """Return the samples from `first` up to `last`, without it."""
+        return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
+
+    @property
+    def first_speed(self) -> float:
+        """Return the speed at the first sample [rad/s]; 0 where the shaft rests.
+
+        It is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
+        """
+        width = max(6, round(0.02 / self.period))
+        begin = np.array(self.positions[:width])
+        moves = np.ptp(begin) > 2.5 * self.resolution
+        return float(np.polyfit(self.period * np.arange(width), begin, 2)[1]) if moves else 0.0
+
+    @property
+    def top_speed(self) -> float:
+        """Return the largest speed, of means over 10 ms or a period [rad/s]."""
+        width = max(1, round(0.01 / self.period))
+        ways = np.subtract(self.positions[width:], self.positions[:-width])
+        return float(np.abs(ways).max(initial=0.0)) / (width * self.period)
+
+
 class HeldSpan:
     """The motion over a fixed time with constant set-point and direction of friction."""
 
@@ -113,61 +160,53 @@ span_values = attrgetter("speed_left", "way", "speed_of_force", "speed_of_torque
 
 
 def predicted_motion(
-    model: ShaftModel,
-    positions: Sequence[float],
-    torques: Sequence[float],
-    period: float,
-    speed: float = 0.0,
-    leading: float = LEADING,
+    model: ShaftModel, record: ShaftRecord, leading: float = LEADING, speed: float | None = None
 ) -> tuple[Matrix, Matrix]:
     """Return the predicted position [rad] and speed [rad/s] of each sample, shapes (n,).
 
-    `positions` [rad] are samples at multiples of the `period` [s], `torques` [N·m] the set-points computed from them,
-    `speed` [rad/s] the first speed. With `leading` 0 it is an open integration from the first position.
+    With `leading` 0 it is an open integration from the first position. `speed` is the first speed [rad/s]; None: that
+    of the record.
     """
-    states, _, _ = _Periods(model, torques, period, leading).path(positions, speed)
+    states, _, _ = _Periods(model, record, leading).path(record.first_speed if speed is None else speed)
     return states[:, 0], states[:, 1]
 
 
 def predicted_slopes(
-    models: Sequence[ShaftModel],
-    positions: Sequence[float],
-    torques: Sequence[float],
-    period: float,
-    speed: float = 0.0,
-    leading: float = LEADING,
+    models: Sequence[ShaftModel], record: ShaftRecord, leading: float = LEADING, shares: Matrix | None = None
 ) -> Matrix:
     """Return by how much the positions [rad] that further models predict differ from those of the first, shape (n, m).
 
     To first order in their distance: on the motion of the first model, the differences that another state and another
-    model make in one period are taken for all periods side by side, and then added up.
+    model make in one period are taken for all periods side by side, and then added up. With `shares` (n, m) there is
+    one further model, and each column has these shares of its difference in each period.
     """
-    first, *others = (_Periods(each, torques, period, leading) for each in models)
-    states, parts, is_smooth = first.path(positions, speed)
-    places, events = np.array(positions), np.flatnonzero(is_smooth == 0).tolist()
+    first, *others = (_Periods(each, record, leading) for each in models)
+    states, parts, is_smooth = first.path(record.first_speed)
+    events = np.flatnonzero(is_smooth == 0).tolist()
 
     def after(periods: _Periods, begins: Matrix) -> Matrix:
-        found = periods.smooth_steps(places, begins, parts)
+        found = periods.smooth_steps(begins, parts)
         for k in events:
-            found[k] = periods.step(k, positions[k], *begins[k].tolist(), int(parts[k]))[:3]
+            found[k] = periods.step(k, *begins[k].tolist(), int(parts[k]))[:3]
         return found
 
     ends, small = after(first, states), SMALL_STATE * np.maximum(np.abs(states[:, :3]).max(axis=0), 1e-300)
     turned = [(after(first, states + each) - ends) / each.sum() for each in np.eye(3, 4) * small[:, np.newaxis]]
     by_state, by_model = np.stack(turned, axis=2), np.stack([after(each, states) - ends for each in others], axis=2)
-    apart, slopes = np.zeros((3, len(others))), np.empty((len(places), len(others)))
-    for k in range(len(places)):
+    shares = np.ones((len(states), len(others))) if shares is None else shares
+    apart, slopes = np.zeros((3, shares.shape[1])), np.empty(shares.shape)
+    for k, share in enumerate(shares):
         slopes[k] = apart[0]
-        apart = by_state[k] @ apart + by_model[k]
+        apart = by_state[k] @ apart + by_model[k] * share
     return slopes
 
 
 class _Periods:
     """The motion of a shaft from each sample to the next."""
 
-    def __init__(self, model: ShaftModel, torques: Sequence[float], period: float, leading: float) -> None:
-        self.model, self.period = model, period
-        self.acting, spans = acting_torques(model, torques, period)
+    def __init__(self, model: ShaftModel, record: ShaftRecord, leading: float) -> None:
+        self.model, self.record, period = model, record, record.period
+        self.acting, spans = acting_torques(model, record)
         known = PARTS.items() if model.stribeck else ()
         self.pieces = [_pieces(model, spans, parts) for parts in (1, *(parts for _, parts in known))]
         """Pieces of a period: undivided, then divided."""
@@ -177,13 +216,13 @@ class _Periods:
         self.near, self.pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
         self.step = self._stepping()
 
-    def path(self, positions: Sequence[float], speed: float) -> tuple[Matrix, Matrix, Matrix]:
+    def path(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
         """Return (angle, speed, torque, side) at each sample, which pieces follow, and whether no event is in them."""
-        shaft, step, found, followed = _Shaft(self.model, positions[0], speed), self.step, [], []
+        shaft, step, found, followed = _Shaft(self.model, self.record.positions[0], speed), self.step, [], []
         angle, torque, side = shaft.angle, shaft.torque, shaft.side
-        for k, place in enumerate(positions):
+        for k in range(len(self.record.positions)):
             found.append((angle, speed, torque, side))
-            angle, speed, torque, side, *pieces = step(k, place, angle, speed, torque, side)
+            angle, speed, torque, side, *pieces = step(k, angle, speed, torque, side)
             followed.append(pieces)
         parts, is_smooth = np.array(followed).T
         return np.array(found, float), parts, is_smooth.astype(bool)
@@ -191,21 +230,19 @@ class _Periods:
     def _stepping(self) -> Callable[..., tuple[float, float, float, int, int, bool]]:
         """Return the function that moves the shaft by one period, through the events in it.
 
-        It takes number and place of a sample, angle, speed, torque and side, and which pieces to follow, if they are
+        It takes the number of a sample, angle, speed, torque and side, and which pieces to follow, if they are
         known. It returns these four, which pieces were followed, and whether no event was in them.
         """
-        model, period, acting, shares, near, pull = (
-            self.model, self.period, self.acting, self.shares, self.near, self.pull
-        )  # fmt: skip
+        model, period, positions, acting = self.model, self.record.period, self.record.positions, self.acting
+        near, pull, divided, all_pieces = self.near, self.pull, [*enumerate(self.shares)], self.pieces
         waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
-        falling, per_torque, divided = FALLEN * model.stribeck_speed, period / model.inertia, [*enumerate(shares)]
+        falling, per_torque, constant = FALLEN * model.stribeck_speed, period / model.inertia, model.load
         shaft, exp, sticking = _Shaft(model, 0.0, 0.0), math.exp, model.coulomb + model.stribeck
-        constant, all_pieces = model.load, self.pieces
 
         def step(
-            k: int, place: float, angle: float, speed: float, torque: float, side: int, parts: int | None = None
+            k: int, angle: float, speed: float, torque: float, side: int, parts: int | None = None
         ) -> tuple[float, float, float, int, int, bool]:
-            error, is_smooth, load, friction = place - angle, True, constant, coulomb
+            error, is_smooth, load, friction = positions[k] - angle, True, constant, coulomb
             angle += near * error
             if side:
                 speed += pull * error
@@ -248,13 +285,13 @@ class _Periods:
 
         return step
 
-    def smooth_steps(self, places: Matrix, begins: Matrix, parts: Matrix) -> Matrix:
+    def smooth_steps(self, begins: Matrix, parts: Matrix) -> Matrix:
         """Return what `step` returns for each sample, as if there were no events: angle, speed and torque, (n, 3)."""
-        angle, speed, torque, side = begins.T
-        slips, acting, error = np.abs(side), np.array(self.acting), places - angle
+        period, acting, (angle, speed, torque, side) = self.record.period, np.array(self.acting), begins.T
+        slips, error = np.abs(side), np.array(self.record.positions) - angle
         angle, speed = angle + self.near * error, speed + slips * self.pull * error
-        load = self.model.torque_at(angle + 0.5 * speed * self.period, speed * self.period, np)
-        friction, ends = self.model.friction_at(speed, np), np.empty((len(places), 3))
+        load = self.model.torque_at(angle + 0.5 * speed * period, speed * period, np)
+        friction, ends = self.model.friction_at(speed, np), np.empty((len(begins), 3))
         columns = np.stack(np.broadcast_arrays(angle, speed, torque, side, slips, load, friction))
         for number, pieces in enumerate(self.pieces):
             at = np.flatnonzero(parts == number)
@@ -279,11 +316,11 @@ def _pieces(model: ShaftModel, spans: Spans, parts: int) -> list[tuple[tuple[flo
     return [(span_values(HeldSpan(model, seconds)), seconds, ahead) for seconds, ahead in divided]
 
 
-def acting_torques(model: ShaftModel, torques: Sequence[float], period: float) -> tuple[list[float], Spans]:
+def acting_torques(model: ShaftModel, record: ShaftRecord) -> tuple[list[float], Spans]:
     """Return set-points in the order in which they act, and the spans of a period; zeros stand before the record."""
-    whole, part = divmod(model.delay, period)
-    acting = [*[0.0] * (int(whole) + 1), *torques]
-    return acting, [(part, 0), (period - part, 1)] if part > 1e-12 else [(period, 1)]
+    whole, part = divmod(model.delay, record.period)
+    acting = [*[0.0] * (int(whole) + 1), *record.torques]
+    return acting, [(part, 0), (record.period - part, 1)] if part > 1e-12 else [(record.period, 1)]
 
 
 class _Shaft:

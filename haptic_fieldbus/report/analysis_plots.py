@@ -20,8 +20,8 @@ from haptic_fieldbus.api.sweep_folder import Sweep
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification import IdentifiedBench, interval_text
-from haptic_fieldbus.identification.fit import ShaftRecord, errors_after, prediction_errors, torque_balance
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import errors_after, prediction_errors, torque_balance
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix

@@ -414,7 +414,7 @@ def test_samples_that_are_missing_too_often_end_it(bench: Path, monkeypatch: pyt
         return whole(session, place, lambda present: next(counter) % 20 != 7 and watch(present))
 
     monkeypatch.setattr(identification, "conduct", gappy)
-    with pytest.raises(SafetyTripError, match="of the samples are missing"):
+    with pytest.raises(SafetyTripError, match=r"of the samples are missing; torque is off. Free computer and bus"):
         measured(bench, rig_text())
 
 

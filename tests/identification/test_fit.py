@@ -13,14 +13,13 @@ from haptic_fieldbus.identification.estimates import UNITS, Estimate, reason_of
 from haptic_fieldbus.identification.experiment import GuidedMotion
 from haptic_fieldbus.identification.fit import (
     ShaftFit,
-    ShaftRecord,
     errors_after,
     first_guess,
     fit_shaft,
     prediction_errors,
     torque_balance,
 )
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from tests.identification.benches import Bench, conducted, drawn_bench, identified_bench
