@@ -217,9 +217,8 @@ def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
     width = max(2, round(GUESS_WIDTHS[0] / record.period))
     rows, force, places = _weak_form(record, width, (model.delay + model.lag) / record.period)
     left, speeds = force - rows[:, 0] * model.inertia, rows[:, 1]
-    load = np.array([model.torque_at(float(each)) for each in places])
-    friction = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
-    return TorqueBalance(places, speeds, left + load, np.array(friction) - left)
+    load, friction = model.torque_at(places, 0.0, np), np.sign(speeds) * model.friction_at(speeds, np)
+    return TorqueBalance(places, speeds, left + load, friction + model.damping * speeds - left)
 
 
 def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
@@ -227,12 +226,10 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
 
     The inertia is above 0, damping and friction are 0 or more. A share of infinity: the rows tell nothing.
     """
-    columns, below = [0, 1, 2, 3], [0]
-    while below:
-        values = np.zeros(4)
-        values[columns] = np.linalg.lstsq(rows[:, columns], force, rcond=None)[0]
-        below = [column for column in (1, 2) if values[column] < 0.0]
-        columns = [column for column in columns if column not in below[:1]]
+    values, low, high = np.zeros(4), np.array([-math.inf, 0.0, 0.0, -math.inf]), np.full(4, math.inf)
+    for _ in low:  # each step holds one more value, or reaches the solution
+        step = free_step(values, low, high, rows.T @ (rows @ values - force), rows.T @ rows, 0.0)
+        values = np.clip(values - step, low, high)
     known = len(force) >= FEWEST_ROWS and values[0] > 0.0
     left = float(np.sum((rows @ values - force) ** 2) / max(np.sum(force**2), 1e-300)) if known else math.inf
     scale = float(np.std(force)) / max(float(np.std(rows[:, 0])), 1e-12)

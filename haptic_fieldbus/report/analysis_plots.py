@@ -496,10 +496,10 @@ def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: Shaft
     shown = torque_balance(model, record)
     speeds = np.linspace(shown.speeds.min(), shown.speeds.max(), 400)
     places = np.linspace(shown.positions.min(), shown.positions.max(), 400)
-    curve = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
+    curve = np.sign(speeds) * model.friction_at(speeds, np) + model.damping * speeds
     for axes, x, y, grid, known in (
-        (friction, shown.speeds, shown.friction, speeds, np.array(curve)),
-        (travel, shown.positions, shown.load, places, np.array([model.torque_at(each) for each in places.tolist()])),
+        (friction, shown.speeds, shown.friction, speeds, curve),
+        (travel, shown.positions, shown.load, places, np.broadcast_to(model.torque_at(places, 0.0, np), places.shape)),
     ):
         order = np.argsort(x)
         parts = [each for each in np.array_split(order, BALANCE_POINTS) if len(each)]
