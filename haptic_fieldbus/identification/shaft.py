@@ -27,6 +27,7 @@ residual is the noise of the encoder, whatever the gain.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
@@ -87,7 +88,7 @@ class ShaftModel:
         return self.coulomb + self.stribeck * functions.exp(-((speed / self.stribeck_speed) ** 2))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShaftRecord:
     """Samples of one experiment at the motor shaft, at multiples of the period."""
 
@@ -167,7 +168,7 @@ def predicted_motion(
     With `leading` 0 it is an open integration from the first position. `speed` is the first speed [rad/s]; None: that
     of the record.
     """
-    states, _, _ = _Periods(model, record, leading).path(record.first_speed if speed is None else speed)
+    states, _, _ = _path(model, record, leading, record.first_speed if speed is None else speed)
     return states[:, 0], states[:, 1]
 
 
@@ -181,7 +182,7 @@ def predicted_slopes(
     one further model, and each column has these shares of its difference in each period.
     """
     first, *others = (_Periods(each, record, leading) for each in models)
-    states, parts, is_smooth = first.path(record.first_speed)
+    states, parts, is_smooth = _path(models[0], record, leading, record.first_speed)
     events = np.flatnonzero(is_smooth == 0).tolist()
 
     def after(periods: _Periods, begins: Matrix) -> Matrix:
@@ -195,10 +196,29 @@ def predicted_slopes(
     by_state, by_model = np.stack(turned, axis=2), np.stack([after(each, states) - ends for each in others], axis=2)
     shares = np.ones((len(states), len(others))) if shares is None else shares
     apart, slopes = np.zeros((3, shares.shape[1])), np.empty(shares.shape)
-    for k, share in enumerate(shares):
-        slopes[k] = apart[0]
-        apart = by_state[k] @ apart + by_model[k] * share
+    for out, turning, pushed, share in zip(slopes, by_state, by_model, shares, strict=True):
+        out[:] = apart[0]
+        apart = turning.dot(apart)
+        apart += pushed * share
     return slopes
+
+
+@lru_cache(maxsize=8)  # the slopes of a model follow its prediction, for each of a few records
+def _path(model: ShaftModel, record: ShaftRecord, leading: float, speed: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Return (angle, speed, torque, side) at each sample, which pieces follow, and whether no event is in them."""
+    shaft, step, found, followed = (
+        _Shaft(model, record.positions[0], speed),
+        _Periods(model, record, leading).step,
+        [],
+        [],
+    )
+    angle, torque, side = shaft.angle, shaft.torque, shaft.side
+    for k in range(len(record.positions)):
+        found.append((angle, speed, torque, side))
+        angle, speed, torque, side, *pieces = step(k, angle, speed, torque, side)
+        followed.append(pieces)
+    parts, is_smooth = np.array(followed).T
+    return np.array(found, float), parts, is_smooth
 
 
 class _Periods:
@@ -215,17 +235,6 @@ class _Periods:
         # Gains of the double pole; of the angle and of the speed.
         self.near, self.pull = 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
         self.step = self._stepping()
-
-    def path(self, speed: float) -> tuple[Matrix, Matrix, Matrix]:
-        """Return (angle, speed, torque, side) at each sample, which pieces follow, and whether no event is in them."""
-        shaft, step, found, followed = _Shaft(self.model, self.record.positions[0], speed), self.step, [], []
-        angle, torque, side = shaft.angle, shaft.torque, shaft.side
-        for k in range(len(self.record.positions)):
-            found.append((angle, speed, torque, side))
-            angle, speed, torque, side, *pieces = step(k, angle, speed, torque, side)
-            followed.append(pieces)
-        parts, is_smooth = np.array(followed).T
-        return np.array(found, float), parts, is_smooth.astype(bool)
 
     def _stepping(self) -> Callable[..., tuple[float, float, float, int, int, bool]]:
         """Return the function that moves the shaft by one period, through the events in it.
