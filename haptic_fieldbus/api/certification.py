@@ -183,9 +183,10 @@ class _TappedBench:
 
     def tap(self, stiffness: float) -> None:
         """Tap the contact at a stiffness in a run of its own, and keep what it told."""
-        if (law := self._law(stiffness)) is None:
+        stiff = with_parameters(self.element, {"stiffness": stiffness})
+        if (law := self._law(stiff, stiffness)) is None:
             return
-        record = self._conducted(law, stiffness)
+        record = self._conducted(law, stiff, beyond=stiffness > self.limit)
         if law.failure == GAVE_WAY and self.contacts:  # the less stiff ones hold
             self.ended = f"{law.failure}, at {in_unit(stiffness, self.unit)}"
             return
@@ -198,15 +199,14 @@ class _TappedBench:
         with suppress(ValueError):  # too few samples, or nothing moved: these taps tell no shaft
             self.fit = fit_shaft([*pulses[:1], *pulses[1:][1 - FITTED :]], self.fit.model if self.fit else None)
 
-    def _law(self, stiffness: float) -> Tapping | None:
+    def _law(self, stiff: AnyElement, stiffness: float) -> Tapping | None:
         """Return the law of the taps; None where a swing would have too few counts or torque steps.
 
         A stiffer contact may have enough of them if the travel limits the press.
         """
         axis, limits, plant = self.axis, self.axis.limits, self.group.members[0].plant
         low, high = limits.position or (-math.inf, math.inf)
-        side = -1.0 if getattr(self.element, "side", "positive") == "negative" else 1.0
-        stiff = with_parameters(self.element, {"stiffness": stiffness})
+        side = -1.0 if getattr(stiff, "side", "positive") == "negative" else 1.0
         surface, soft = _surface(stiff, side), _at_rest(stiff)
         room = ROOM_SHARE * (high - surface if side > 0.0 else surface - low) * stiffness
         press = min(PRESS_SHARE * self.effort, room)
@@ -226,13 +226,12 @@ class _TappedBench:
             stiffness=soft, least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
         )  # fmt: skip
 
-    def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:
+    def _conducted(self, law: Tapping, stiff: AnyElement, *, beyond: bool) -> ShaftRecord:
         """Conduct the taps in a run, and return the record from the press on."""
         task, name = self._asked.task, self.axis.name
         rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig or self.plan.rig
         limits = replace(rig.axis[name].limits, effort=self.effort)
         rig = replace(rig, axis={**rig.axis, name: replace(rig.axis[name], limits=limits)})
-        stiff = with_parameters(self.element, {"stiffness": stiffness})
         varied = [stiff if each is self.element else each for each in self.plan.scene.elements]
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
         task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
@@ -246,7 +245,7 @@ class _TappedBench:
                 law.advance(session.cycle.axes[name].state.position)
             return law.done
 
-        session = self._session = conduct(*prepare_run(task, trial, beyond=stiffness > self.limit), watch)
+        session = self._session = conduct(*prepare_run(task, trial, beyond=beyond), watch)
         if not law.done:
             raise SafetyTripError("the taps were ended before the last one; torque is off")
         whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)

@@ -344,8 +344,7 @@ def conduct(session: Session, place: AbstractContextManager[Site], watch: Callab
     finally:
         with ended_by_signals() as ending:  # those of the command, which makes several runs
             ending.when = OFF
-    with ended_by_signals() as ending:
-        ending.resume()  # neither a fit nor another run goes on after a signal that a run has noted
+    ending.resume()  # neither a fit nor another run goes on after a signal that a run has noted
     return session
 
 

@@ -198,27 +198,17 @@ def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, M
     return np.column_stack([bend, speed, np.sign(speed), -np.ones(len(bend))]), force, y[w:-w][moving]
 
 
-@dataclass(frozen=True)
-class TorqueBalance:
-    """Torques of a motion that its inertia leaves, at the motor shaft; one value a sample that moves."""
+def torque_balance(model: ShaftModel, record: ShaftRecord) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return positions [rad], speeds [rad/s], and friction and load there [N·m], where the record moves, shapes (n,).
 
-    positions: Matrix
-    """[rad]"""
-    speeds: Matrix
-    """[rad/s]"""
-    friction: Matrix
-    """Torque against the positive direction, load and waves of the model taken away [N·m]."""
-    load: Matrix
-    """Torque from outside, friction and damping of the model taken away [N·m]."""
-
-
-def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
-    """Return friction and load as the record shows them: torque less inertia times acceleration, over some samples."""
+    They are what torque less inertia times acceleration, over some samples, leaves: friction as the torque against the
+    positive direction, without load and waves of the model, and load without its friction and damping.
+    """
     width = max(2, round(GUESS_WIDTHS[0] / record.period))
     rows, force, places = _weak_form(record, width, (model.delay + model.lag) / record.period)
     left, speeds = force - rows[:, 0] * model.inertia, rows[:, 1]
     load, friction = model.torque_at(places, 0.0, np), np.sign(speeds) * model.friction_at(speeds, np)
-    return TorqueBalance(places, speeds, left + load, friction + model.damping * speeds - left)
+    return places, speeds, left + load, friction + model.damping * speeds - left
 
 
 def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:

@@ -493,13 +493,13 @@ def span_frequencies(panel: Axes, shown: Array) -> None:
 
 def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: ShaftRecord) -> None:
     """Draw friction over speed and load over travel, measured against the model."""
-    shown = torque_balance(model, record)
-    speeds = np.linspace(shown.speeds.min(), shown.speeds.max(), 400)
-    places = np.linspace(shown.positions.min(), shown.positions.max(), 400)
+    positions, moved, resisting, acting = torque_balance(model, record)
+    speeds = np.linspace(moved.min(), moved.max(), 400)
+    places = np.linspace(positions.min(), positions.max(), 400)
     curve = np.sign(speeds) * model.friction_at(speeds, np) + model.damping * speeds
     for axes, x, y, grid, known in (
-        (friction, shown.speeds, shown.friction, speeds, curve),
-        (travel, shown.positions, shown.load, places, np.broadcast_to(model.torque_at(places, 0.0, np), places.shape)),
+        (friction, moved, resisting, speeds, curve),
+        (travel, positions, acting, places, np.broadcast_to(model.torque_at(places, 0.0, np), places.shape)),
     ):
         order = np.argsort(x)
         parts = [each for each in np.array_split(order, BALANCE_POINTS) if len(each)]
