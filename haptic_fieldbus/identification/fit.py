@@ -1,8 +1,8 @@
 """Fit of the shaft model to records, with intervals, and with the reason where a value cannot be separated.
 
 Theory. The values minimise the sum of the squared prediction errors of all samples, by the method of Levenberg and
-Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives are
-by `shaft.predicted_slopes`. A solution at a bound of delay or lag is tried again from another share of the lag.
+Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives come
+from `shaft.predicted_slopes`. A solution at a bound of delay or lag is tried again from another share of the lag.
 Of delay and lag the sum is best known, and is what a hand feels; it has an interval of its own.
 
 What is left is then searched for Stribeck friction and for waves of torque over the angle, such as cogging. A torque δ

@@ -25,6 +25,7 @@ residual is the noise of the encoder, whatever the gain.
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -206,12 +207,8 @@ def predicted_slopes(
 @lru_cache(maxsize=8)  # the slopes of a model follow its prediction, for each of a few records
 def _path(model: ShaftModel, record: ShaftRecord, leading: float, speed: float) -> tuple[Matrix, Matrix, Matrix]:
     """Return (angle, speed, torque, side) at each sample, which pieces follow, and whether no event is in them."""
-    shaft, step, found, followed = (
-        _Shaft(model, record.positions[0], speed),
-        _Periods(model, record, leading).step,
-        [],
-        [],
-    )
+    shaft, step = _Shaft(model, record.positions[0], speed), _Periods(model, record, leading).step
+    found, followed = list[tuple[float, ...]](), list[list[int]]()
     angle, torque, side = shaft.angle, shaft.torque, shaft.side
     for k in range(len(record.positions)):
         found.append((angle, speed, torque, side))
@@ -243,7 +240,7 @@ class _Periods:
         known. It returns these four, which pieces were followed, and whether no event was in them.
         """
         model, period, positions, acting = self.model, self.record.period, self.record.positions, self.acting
-        near, pull, divided, all_pieces = self.near, self.pull, [*enumerate(self.shares)], self.pieces
+        near, pull, shares, all_pieces = self.near, self.pull, self.shares, self.pieces
         waves, stribeck, coulomb, slowness = model.waves, model.stribeck, model.coulomb, 1.0 / model.stribeck_speed
         falling, per_torque, constant = FALLEN * model.stribeck_speed, period / model.inertia, model.load
         shaft, exp, sticking = _Shaft(model, 0.0, 0.0), math.exp, model.coulomb + model.stribeck
@@ -266,7 +263,7 @@ class _Periods:
                     else:
                         change = per_torque * max(abs(begin) - coulomb, abs(end) - coulomb, 0.0)
                     if abs(speed) < falling + change:
-                        parts = next(number for number, share in divided if change <= share)
+                        parts = bisect_left(shares, change)
                 friction = coulomb + stribeck * exp(-((speed * slowness) ** 2))
             for (left, way, by_force, by_torque, far, beside, after), seconds, ahead in all_pieces[parts or 0]:
                 target = acting[k + ahead]
