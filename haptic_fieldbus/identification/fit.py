@@ -465,13 +465,13 @@ class _Problem:
         estimates["torque_lag"] = self._lag_interval(vector, width)
         warnings = list[str]()
         if resonance:
-            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling"
+            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling or a hand at the handle"
             warnings.append(
                 f"the shaft swings at about {frequency}, which the model does not have: damping and friction may be "
                 "wrong by a factor of two"
             )
         elif left > 3.0:
-            play = "play and an elastic coupling are not in it; the intervals are wider by this"
+            play = "play, an elastic coupling and a hand at the handle are not in it; the intervals are wider by this"
             warnings.append(f"the model leaves {rounded(left)} counts unexplained: {play}")
         told = with_reasons(estimates, self.top)
         return ShaftFit(model, told, left, self.top, len(residuals), resonance, tuple(warnings))
