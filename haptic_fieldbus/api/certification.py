@@ -49,6 +49,8 @@ FIRST_STEP, STEP, LAST_STEP = 0.2, 1.6, 1.05
 """First stiffness as a share of the limit; largest ratio of neighbours, and the smallest one that is worth a run."""
 FITTED = 3
 """Stiffnesses whose pulses are fitted: the first and the last ones."""
+WELL_FITTED = 1.0
+"""Error of a fit from which on it is begun anew [counts]."""
 PRESS_SHARE, ROOM_SHARE = 0.95, 0.3
 """Effort of the press as a share of the effort limit, and its depth as a share of the travel behind the surface."""
 INSIDE = 0.02
@@ -197,7 +199,11 @@ class _TappedBench:
             self.ended = f"growth: at {in_unit(stiffness, self.unit)} {law.failure}"
         pulses = [each.record for each in self.contacts if not each.by_hand]
         with suppress(ValueError):  # too few samples, or nothing moved: these taps tell no shaft
-            self.fit = fit_shaft([*pulses[:1], *pulses[1:][1 - FITTED :]], self.fit.model if self.fit else None)
+            records = [*pulses[:1], *pulses[1:][1 - FITTED :]]
+            found = fit_shaft(records, self.fit.model if self.fit else None)
+            if self.fit and found.residual > WELL_FITTED:  # from the fit before, another minimum may come first
+                found = min(found, fit_shaft(records), key=lambda each: each.residual)
+            self.fit = found
 
     def _law(self, stiff: AnyElement, stiffness: float) -> Tapping | None:
         """Return the law of the taps; None where a swing would have too few counts or torque steps.

@@ -33,6 +33,7 @@ import numpy as np
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
 from haptic_fieldbus.identification.shaft import (
     LEADING,
+    HeldSpan,
     ShaftModel,
     ShaftRecord,
     acting_torques,
@@ -92,7 +93,7 @@ SMALL = 1e-4
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
 FIELDS = ("inertia", "damping", "coulomb", "delay", "lag", "load")
 """Values of a fit, and the fields of `ShaftModel` that they are."""
-DELAY, LAG, LOAD = (NAMES.index(each) for each in ("delay", "torque_lag", "load"))
+DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
 
 
 @dataclass(frozen=True)
@@ -355,15 +356,20 @@ class _Problem:
     def _further_responses(self, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
         """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then pairs of waves."""
         model, leading, period = self.model, self.leading, record.period
-        angles, moved = predicted_motion(model, record, leading)
+        angles, moved = predicted_motion(model, record, leading, speed=0.0)
         turns, middles = np.outer(angles + 0.5 * period * moved, orders), np.outer(moved, 1.0 / speeds)
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
         waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * period * orders / math.pi)), 2, axis=1)
         torques = np.hstack([-np.sign(moved)[:, np.newaxis] * np.exp(-(middles**2)), waves])
-        small = SMALL * float(self.scales[LOAD])
-        loaded = [model, replace(model, load=model.load + small)]
-        responses: Matrix = predicted_slopes(loaded, record, leading, torques / small)
-        return responses[unsettled_samples(record) :] / record.resolution
+        span, near, pull = HeldSpan(model, period), 1.0 - math.exp(-2.0 * leading * period), leading * leading * period
+        angle, speed, out = np.zeros(torques.shape[1]), np.zeros(torques.shape[1]), np.empty_like(torques)
+        for k, torque in enumerate(torques):
+            out[k] = angle
+            speed -= pull * angle
+            angle = (1.0 - near) * angle + span.way * speed + span.way_of_force * torque
+            speed = span.speed_left * speed + span.speed_of_force * torque
+        responses: Matrix = out[unsettled_samples(record) :] / record.resolution
+        return responses
 
     def resonance(self) -> Estimate | None:
         """Return the frequency of a mode that explains a good part of the residual, as of an elastic shaft, or None.

@@ -43,6 +43,8 @@ PARTS, FALLEN = {0.15: 2, 0.5: 4, math.inf: 8}, 2.5
 which speed on it is 0; both speeds as multiples of that of the friction."""
 SMALL_STATE = 1e-7
 """Step of a difference by a state, of its largest value."""
+MOSTLY_AT_REST = 0.6
+"""Largest share of samples at rest of a record for which slopes are taken period by period."""
 MOST_EVENTS = 8
 """Reversals and breakaways that are followed in one span."""
 Spans = list[tuple[float, int]]
@@ -129,6 +131,13 @@ class ShaftRecord:
         return float(np.polyfit(self.period * np.arange(width), begin, 2)[1]) if moves else 0.0
 
     @property
+    def rest_share(self) -> float:
+        """Return the share of the samples from which the shaft moves by at most a count in 10 ms, or in a period."""
+        width = max(1, round(0.01 / self.period))
+        ways = np.abs(np.subtract(self.positions[width:], self.positions[:-width]))
+        return float(np.mean(ways < 1.5 * self.resolution))
+
+    @property
     def top_speed(self) -> float:
         """Return the largest speed, of means over 10 ms or a period [rad/s]."""
         width = max(1, round(0.01 / self.period))
@@ -173,17 +182,18 @@ def predicted_motion(
     return states[:, 0], states[:, 1]
 
 
-def predicted_slopes(
-    models: Sequence[ShaftModel], record: ShaftRecord, leading: float = LEADING, shares: Matrix | None = None
-) -> Matrix:
+def predicted_slopes(models: Sequence[ShaftModel], record: ShaftRecord, leading: float = LEADING) -> Matrix:
     """Return by how much the positions [rad] that further models predict differ from those of the first, shape (n, m).
 
     To first order in their distance: on the motion of the first model, the differences that another state and another
-    model make in one period are taken for all periods side by side, and then added up. With `shares` (n, m) there is
-    one further model, and each column has these shares of its difference in each period.
+    model make in one period are taken for all periods side by side, and then added up. Of a record that is mostly at
+    rest whole predictions are compared, since a breakaway that comes or not has no slope.
     """
-    first, *others = (_Periods(each, record, leading) for each in models)
+    if record.rest_share > MOSTLY_AT_REST:
+        here, *others = (predicted_motion(each, record, leading)[0] for each in models)
+        return np.stack(others, axis=1) - here[:, np.newaxis]
     states, parts, is_smooth = _path(models[0], record, leading, record.first_speed)
+    first, *further = (_Periods(each, record, leading) for each in models)
     events = np.flatnonzero(is_smooth == 0).tolist()
 
     def after(periods: _Periods, begins: Matrix) -> Matrix:
@@ -194,13 +204,12 @@ def predicted_slopes(
 
     ends, small = after(first, states), SMALL_STATE * np.maximum(np.abs(states[:, :3]).max(axis=0), 1e-300)
     turned = [(after(first, states + each) - ends) / each.sum() for each in np.eye(3, 4) * small[:, np.newaxis]]
-    by_state, by_model = np.stack(turned, axis=2), np.stack([after(each, states) - ends for each in others], axis=2)
-    shares = np.ones((len(states), len(others))) if shares is None else shares
-    apart, slopes = np.zeros((3, shares.shape[1])), np.empty(shares.shape)
-    for out, turning, pushed, share in zip(slopes, by_state, by_model, shares, strict=True):
+    by_state, by_model = np.stack(turned, axis=2), np.stack([after(each, states) - ends for each in further], axis=2)
+    apart, slopes = np.zeros((3, len(further))), np.empty((len(states), len(further)))
+    for out, turning, pushed in zip(slopes, by_state, by_model, strict=True):
         out[:] = apart[0]
         apart = turning.dot(apart)
-        apart += pushed * share
+        apart += pushed
     return slopes
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from haptic_fieldbus.identification import shaft
 from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, ShaftRecord, predicted_motion, predicted_slopes
 
 PERIOD = 0.002
@@ -160,8 +161,11 @@ RICH = ShaftModel(
     "model", [SMOOTH, ROUGH, replace(LOADED, delay=1e-5), RICH], ids=["smooth", "rough", "loaded", "rich"]
 )
 @pytest.mark.parametrize("key", ["inertia", "damping", "coulomb", "delay", "lag", "load"])
-def test_a_slope_is_the_difference_of_two_predictions(model: ShaftModel, key: str) -> None:
+def test_a_slope_is_the_difference_of_two_predictions(
+    model: ShaftModel, key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Over reversals, breakaways and rest; the difference over both sides has an error of second order."""
+    monkeypatch.setattr(shaft, "MOSTLY_AT_REST", 1.0)
     torques, scales = pushes(300, 0.01), {"inertia": 4e-5, "delay": PERIOD, "lag": PERIOD, "damping": 1e-4}
     step = 1e-4 * scales.get(key, 2e-3)
     record = record_of(np.round(opened(model, torques), 3).tolist(), torques)
@@ -173,3 +177,12 @@ def test_a_slope_is_the_difference_of_two_predictions(model: ShaftModel, key: st
     slope = predicted_slopes([model, moved(1.0)], record)[:, 0]
     assert np.ptp(slope) > 0.0
     assert np.linalg.norm(slope - 0.5 * (ahead - behind)) < 0.02 * np.linalg.norm(slope)
+
+
+def test_of_a_record_mostly_at_rest_whole_predictions_are_compared() -> None:
+    """A load of 3 mN·m moves a shaft that friction holds, whatever the slope at rest is."""
+    stuck = ShaftModel(4e-5, 1e-4, 2e-3, 0.0, 5e-4)
+    record = record_of([0.0] * 300, [0.0] * 300)
+    slopes = predicted_slopes([stuck, replace(stuck, load=3e-3)], record, 0.0)
+    assert slopes[:, 0] == pytest.approx(predicted_motion(replace(stuck, load=3e-3), record, 0.0)[0])
+    assert slopes[-1, 0] > 1.0
