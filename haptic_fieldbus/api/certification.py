@@ -21,11 +21,18 @@ from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.documents.own_parts import OwnName
 from haptic_fieldbus.drive.profile import Identity
 from haptic_fieldbus.errors import PlanError, SafetyTripError, UsageError
-from haptic_fieldbus.identification.certificate import FIRST_COUNTS, FIRST_STEPS, Certificate, TappedContact, Tapping
+from haptic_fieldbus.identification.certificate import (
+    FIRST_COUNTS,
+    FIRST_STEPS,
+    GAVE_WAY,
+    Certificate,
+    TappedContact,
+    Tapping,
+)
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import ShaftFit, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.margins.closed_loop import with_parameters
 from haptic_fieldbus.numerals import in_unit, percent, rounded_down
 from haptic_fieldbus.planning.limits import BEYOND_SHARE
@@ -33,7 +40,7 @@ from haptic_fieldbus.planning.request import Task, check_request
 from haptic_fieldbus.planning.selection import select
 from haptic_fieldbus.protocols.catalogue import load_rig
 from haptic_fieldbus.running.session import Session, agreed
-from haptic_fieldbus.scenes.element import AnyElement
+from haptic_fieldbus.scenes.element import AnyElement, Varying
 from haptic_fieldbus.sim.hand import Hand, Piece
 
 TOP_SHARE, LARGEST_SHARE = 0.8, 0.9
@@ -42,6 +49,8 @@ FIRST_STEP, STEP, LAST_STEP = 0.2, 1.6, 1.05
 """First stiffness as a share of the limit; largest ratio of neighbours, and the smallest one that is worth a run."""
 FITTED = 3
 """Stiffnesses whose pulses are fitted: the first and the last ones."""
+WELL_FITTED = 1.0
+"""Error of a fit from which on it is begun anew [counts]."""
 PRESS_SHARE, ROOM_SHARE = 0.95, 0.3
 """Effort of the press as a share of the effort limit, and its depth as a share of the travel behind the surface."""
 INSIDE = 0.02
@@ -93,11 +102,18 @@ def certify(
     return bench.certificate()
 
 
-def _holds(element: AnyElement) -> bool:
-    """Return whether an element has a stiffness against a constant push, as a mass behind a spring has not."""
+def _at_rest(element: AnyElement) -> float:
+    """Return the stiffness against a constant push; that of a mass behind a spring is 0."""
     told = element.linearised()
     rest = np.linalg.lstsq(told.a, told.b[:, 0], rcond=None)[0] if told.order else np.zeros(0)
-    return abs(float(told.d[0, 0] - told.c[0] @ rest)) > 1e-6 * abs(float(told.d[0, 0]))
+    stiffness = abs(float(told.d[0, 0] - told.c[0] @ rest))
+    return stiffness if stiffness > 1e-6 * abs(float(told.d[0, 0])) else 0.0
+
+
+def _surface(element: AnyElement, side: float) -> float:
+    """Return the place at which the contact begins for a push to a side."""
+    places = (getattr(element, key, None) for key in ("position", "wall", "upper"))
+    return next((float(each) for each in places if each is not None), 0.0) + side * getattr(element, "dead_band", 0.0)
 
 
 class _TappedBench:
@@ -116,7 +132,7 @@ class _TappedBench:
         if len(self.plan.axes) != 1 or group is None or group.stiffest is None or axis.integrates:
             raise UsageError("certify needs a scene of one axis with a stiffness, on a drive that reports its position")
         self.group, self.element, self.unit = group, group.stiffest, axis.workspace.stiffness_unit
-        if not _holds(self.element):
+        if not _at_rest(self.element):
             raise UsageError(f"certify needs a contact that holds a constant push; {self.element.name} gives way to it")
         self.limit, self.predicted = group.stability.limit.value, group.stability.stiffness_limit.stable or 0.0
         if not (self.limit > 0.0 and math.isfinite(self.predicted)):
@@ -134,8 +150,11 @@ class _TappedBench:
         top = f"{in_unit(self.top, self.unit)} ({percent(self._asked.share)} of the predicted onset)"
         yield f"axis {self.axis.name}: the handle moves by itself, into the contact and back"
         yield f"at most {effort} ({percent(share)} of rated torque)"
-        yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
-        yield f"above it, up to {top}: nobody may touch the handle"
+        if self.top <= self.limit:
+            yield f"up to {top}, which is below the limit: {taps}"
+        else:
+            yield f"up to the limit of {in_unit(self.limit, self.unit)}: {taps}"
+            yield f"above it, up to {top}: nobody may touch the handle"
 
     def stiffnesses(self) -> Iterator[float]:
         """Yield each stiffness to tap, decided after the one before."""
@@ -166,9 +185,13 @@ class _TappedBench:
 
     def tap(self, stiffness: float) -> None:
         """Tap the contact at a stiffness in a run of its own, and keep what it told."""
-        if (law := self._law(stiffness)) is None:
+        stiff = with_parameters(self.element, {"stiffness": stiffness})
+        if (law := self._law(stiff, stiffness)) is None:
             return
-        record = self._conducted(law, stiffness)
+        record = self._conducted(law, stiff, beyond=stiffness > self.limit)
+        if law.failure == GAVE_WAY and self.contacts:  # the less stiff ones hold
+            self.ended = f"{law.failure}, at {in_unit(stiffness, self.unit)}"
+            return
         if law.failure and not law.grew:
             raise SafetyTripError(f"{law.failure}; torque is off")
         self.contacts.append(TappedContact(stiffness, law.growth, law.by_hand, record))
@@ -176,19 +199,26 @@ class _TappedBench:
             self.ended = f"growth: at {in_unit(stiffness, self.unit)} {law.failure}"
         pulses = [each.record for each in self.contacts if not each.by_hand]
         with suppress(ValueError):  # too few samples, or nothing moved: these taps tell no shaft
-            self.fit = fit_shaft([*pulses[:1], *pulses[1:][1 - FITTED :]], self.fit.model if self.fit else None)
+            records = [*pulses[:1], *pulses[1:][1 - FITTED :]]
+            found = fit_shaft(records, self.fit.model if self.fit else None)
+            if self.fit and found.residual > WELL_FITTED:  # from the fit before, another minimum may come first
+                found = min(found, fit_shaft(records), key=lambda each: each.residual)
+            self.fit = found
 
-    def _law(self, stiffness: float) -> Tapping | None:
+    def _law(self, stiff: AnyElement, stiffness: float) -> Tapping | None:
         """Return the law of the taps; None where a swing would have too few counts or torque steps.
 
         A stiffer contact may have enough of them if the travel limits the press.
         """
         axis, limits, plant = self.axis, self.axis.limits, self.group.members[0].plant
         low, high = limits.position or (-math.inf, math.inf)
-        side = -1.0 if getattr(self.element, "side", "positive") == "negative" else 1.0
-        surface = float(getattr(self.element, "position", 0.0))
+        side = -1.0 if getattr(stiff, "side", "positive") == "negative" else 1.0
+        surface, soft = _surface(stiff, side), _at_rest(stiff)
         room = ROOM_SHARE * (high - surface if side > 0.0 else surface - low) * stiffness
         press = min(PRESS_SHARE * self.effort, room)
+        if isinstance(stiff, Varying) and max(map(abs, stiff.local(-math.inf, math.inf).force)) < press:
+            text = in_unit(press, axis.workspace.effort_unit)
+            raise UsageError(f"certify needs a contact that holds a push of {text}; {stiff.name} gives way to it")
         least = max(FIRST_COUNTS * axis.resolution, FIRST_STEPS * axis.effort_unit / stiffness)
         if press / stiffness < 1.5 * least:
             self.ended = FEW if press < room else ""
@@ -199,16 +229,15 @@ class _TappedBench:
         )
         return Tapping(
             bounds, plant.mass, plant.coulomb, axis.delay.total + period, surface=surface, press=side * press,
-            least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
+            stiffness=soft, least=least, by_hand=self._asked.by_hand and stiffness <= self.limit,
         )  # fmt: skip
 
-    def _conducted(self, law: Tapping, stiffness: float) -> ShaftRecord:
+    def _conducted(self, law: Tapping, stiff: AnyElement, *, beyond: bool) -> ShaftRecord:
         """Conduct the taps in a run, and return the record from the press on."""
         task, name = self._asked.task, self.axis.name
         rig = load_rig(task.rig, task.profiles) if isinstance(task.rig, str | Path) else task.rig or self.plan.rig
         limits = replace(rig.axis[name].limits, effort=self.effort)
         rig = replace(rig, axis={**rig.axis, name: replace(rig.axis[name], limits=limits)})
-        stiff = with_parameters(self.element, {"stiffness": stiffness})
         varied = [stiff if each is self.element else each for each in self.plan.scene.elements]
         scene = replace(self.plan.scene, elements=(*varied, MeasuringLaw(name, law, self.effort, "taps")))
         task = replace(task, scene=scene, rig=rig, settings=None, axes=None)
@@ -222,7 +251,7 @@ class _TappedBench:
                 law.advance(session.cycle.axes[name].state.position)
             return law.done
 
-        session = self._session = conduct(*prepare_run(task, trial, beyond=stiffness > self.limit), watch)
+        session = self._session = conduct(*prepare_run(task, trial, beyond=beyond), watch)
         if not law.done:
             raise SafetyTripError("the taps were ended before the last one; torque is off")
         whole = shaft_record(self.axis, self.plan.period, session.kept, session.report.enabled_at_ns or 0)

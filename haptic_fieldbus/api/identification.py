@@ -24,7 +24,8 @@ from haptic_fieldbus.errors import HapticFieldbusError, SafetyTripError, UsageEr
 from haptic_fieldbus.identification import GUARDED, Announcement, IdentifiedBench, interval_text
 from haptic_fieldbus.identification.estimates import Estimate, scale_check
 from haptic_fieldbus.identification.experiment import FEWEST_COUNTS, PARTS, Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, ShaftRecord, fit_shaft, prediction_errors
+from haptic_fieldbus.identification.fit import ENCODER_NOISE, ShaftFit, allowed_error, errors_after, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.identification.twin import RunFit
 from haptic_fieldbus.numerals import in_unit, rounded
 from haptic_fieldbus.numerics.linear import StateSpace, gain
@@ -65,7 +66,8 @@ LONGEST = 300.0
 KEPT = ("inertia", "viscous_damping", "coulomb_friction", "delay_and_lag", "torque_lag")
 """Values that a rig keeps."""
 CHECK_WORSE = 2.0
-"""Prediction error of the unused part of the record, as a multiple of that of the fit, from which on it is told."""
+"""Prediction error of the unused part of the record, as a multiple of that of the fit, from which on it is told, if it
+is more than the intervals of the values allow."""
 LEADING_SHARE = 2.0
 """Half width of the interval of the first inertia, of its value, up to which it may lead the motion."""
 Question = Callable[[str], bool]
@@ -175,9 +177,9 @@ def identify(
         )
     tell("fit")
     fit = fit_shaft([probe, used], guess)
-    check = float(np.sqrt(np.mean(prediction_errors(fit.model, rest) ** 2)))
+    check = float(np.sqrt(np.mean(errors_after(fit.model, used, rest) ** 2)))
     found = replace(found, fit=fit, check=check, records=(probe, used, rest)).with_warnings(*fit.warnings)
-    if check > CHECK_WORSE * max(fit.residual, ENCODER_NOISE):
+    if check > max(CHECK_WORSE * max(fit.residual, ENCODER_NOISE), allowed_error(fit, rest)):
         found = found.with_warnings(
             f"the motion that was fitted is explained to {rounded(fit.residual)} counts, but one with other "
             f"oscillations is predicted to {rounded(check)} counts only: the values may not hold for other motions"
@@ -301,7 +303,8 @@ class _Bench:
         period, resolution, ratio = self.bounds.period, self.bounds.resolution, self.axis.mechanism.ratio
         record, held = shaft_record_of(*map(np.array, columns), period=period, resolution=resolution, ratio=ratio)
         if (missing := 1.0 - len(stages) / len(held)) > 0.01:
-            raise SafetyTripError(f"{rounded(100.0 * missing)} % of the samples are missing; torque is off")
+            lost = f"{rounded(100.0 * missing)} % of the samples are missing; torque is off"
+            raise SafetyTripError(f"{lost}. Free computer and bus of other work, or lower --rate")
         return record, [stages[each] for each in held]
 
     def limit(self, kept: Identified) -> tuple[float, str, str] | None:
@@ -341,6 +344,7 @@ def conduct(session: Session, place: AbstractContextManager[Site], watch: Callab
     finally:
         with ended_by_signals() as ending:  # those of the command, which makes several runs
             ending.when = OFF
+    ending.resume()  # neither a fit nor another run goes on after a signal that a run has noted
     return session
 
 

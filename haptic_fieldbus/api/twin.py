@@ -16,6 +16,7 @@ import numpy as np
 from haptic_fieldbus.api.arguments import check_values
 from haptic_fieldbus.api.identification import told_by
 from haptic_fieldbus.api.provenance import repeated
+from haptic_fieldbus.assessing.looking_back import shaft_record_of
 from haptic_fieldbus.drive.profile import PowerState
 from haptic_fieldbus.drive.rig import MECHANICAL, BusSection, Identified, Mechanics, Rig, RigAxis, default_axis
 from haptic_fieldbus.drive.rig_units import rig_text
@@ -171,6 +172,9 @@ def _axis_of(found: RecordedRun, plan: Plan, base: Rig, axis: str | None, profil
     *needed, last = "position", "target torque", "statusword", "flags"
     if recorded.integrates or any(f"{name}.{each}" not in found.columns for each in (*needed, last)):
         raise UsageError(f"{found.path}: expected rows of {name} with {', '.join(needed)} and {last}")
+    for each in (*needed, last):
+        if not np.all(np.isfinite(found[f"{name}.{each}"])):
+            raise UsageError(f"{found.path}: {name}.{each} is missing in some rows; expected a number in each")
     return recorded
 
 
@@ -178,22 +182,22 @@ def _record(
     found: RecordedRun, plan: Plan, axis: AxisPlan, hand: str, free: Sequence[tuple[float, float]], fade_in: float
 ) -> RunRecord:
     """Return the recorded run at the motor shaft, on a grid of whole periods."""
-    name, ratio, times = axis.name, axis.rig.mechanism.ratio, found.time
+    name, times = axis.name, found.time
     words = found[f"{name}.statusword"].astype(int)
     enabled = np.array([axis.power.state(word) is PowerState.OPERATION_ENABLED for word in words.tolist()])
     if not enabled.any():
         raise UsageError(f"{found.path}: the drive of {name} was never enabled")
-    places = np.rint(times / plan.period).astype(int)
-    grid, first = np.arange(places[-1] + 1), int(places[np.argmax(enabled)])
-    held = np.searchsorted(places, grid, side="right") - 1
+    efforts, first = found[f"{name}.target torque"] * (axis.rig.mechanism.sign * axis.effort_unit), np.argmax(enabled)
+    shaft, held = shaft_record_of(
+        1e9 * times, found[f"{name}.position"], efforts, period=plan.period, resolution=axis.resolution,
+        ratio=axis.rig.mechanism.ratio,
+    )  # fmt: skip
     inside = np.any([(begin <= times) & (times <= end) for begin, end in free], axis=0) if free else enabled
     holding, release = _holding(hand if plan.scene.holds(name) else "none", axis, fade_in)
-    usable = np.zeros(len(grid), bool)
-    usable[places] = enabled & inside & (found[f"{name}.flags"] == 0) & (times < times[np.argmax(enabled)] + release)
-    positions = np.interp(grid, places, found[f"{name}.position"]) / ratio
-    torques = found[f"{name}.target torque"][held] * (axis.rig.mechanism.sign * axis.effort_unit * ratio)
-    return RunRecord(plan.period, positions - positions[first], torques, axis.resolution / ratio, usable, holding,
-                     max(first - 1, 0))  # fmt: skip
+    usable = enabled & inside & (found[f"{name}.flags"] == 0) & (times < times[first] + release)
+    positions, begin = np.array(shaft.positions), int(np.searchsorted(held, first))
+    return RunRecord(plan.period, positions - positions[begin], np.array(shaft.torques), shaft.resolution,
+                     usable[held] & (np.diff(held, prepend=-1) > 0), holding, max(begin - 1, 0))  # fmt: skip
 
 
 def _holding(name: str, axis: AxisPlan, fade_in: float) -> tuple[HoldingHand, float]:

@@ -31,7 +31,7 @@ from haptic_fieldbus.assessing.loop_report import Record
 from haptic_fieldbus.documents.edits import table_values, write_table
 from haptic_fieldbus.drive.rig import Contradicted
 from haptic_fieldbus.identification.estimates import Estimate
-from haptic_fieldbus.identification.fit import ShaftRecord
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.numerals import in_unit
 from haptic_fieldbus.numerics.linear import Matrix
 from haptic_fieldbus.planning.axis_plan import AxisPlan

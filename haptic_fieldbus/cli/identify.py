@@ -7,6 +7,7 @@ well damped on it, and the onset that taps tell.
 import json
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -38,7 +39,7 @@ from haptic_fieldbus.cli.run import ask, instruct, tell_question
 from haptic_fieldbus.cli.screen import plain, show, show_result
 from haptic_fieldbus.defaults import DEFAULT_SEED
 from haptic_fieldbus.errors import UsageError, raise_all
-from haptic_fieldbus.numerals import OutputRow, exactly, in_unit, lines_of, object_of, rounded, rounded_limit
+from haptic_fieldbus.numerals import OutputRow, in_unit, lines_of, object_of, rounded, rounded_limit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -163,7 +164,7 @@ def _rows(found: "IdentifiedBench") -> "Iterator[OutputRow]":
         yield OutputRow("fit", [f"leaves {rounded(fit.residual)} counts unexplained, {unused}"])
     if found.limit is not None:
         limit, unit, _ = found.limit
-        yield OutputRow("limit", [f"{rounded_limit(limit)} {unit} for a wall at {exactly(found.rate)} Hz"])
+        yield OutputRow("limit", [f"{rounded_limit(limit)} {unit} for a wall at {rounded(found.rate)} Hz"])
     if fit is not None:
         yield OutputRow("scale", [found.scale.text() if found.scale else NOT_CHECKED])
     yield OutputRow("warning", found.warnings)
@@ -230,8 +231,13 @@ def check_new(out: Path | None) -> None:
 
 
 def write_new(out: Path, text: str, result: object = None) -> None:
-    """Write a file that was checked before; raises HapticFieldbusError, with a `result` that was printed already."""
+    """Write a file that was checked before; raises HapticFieldbusError, with a `result` that was printed already.
+
+    A part of a file is removed: another command would read it.
+    """
     try:
         out.write_text(text, encoding="utf-8")
     except OSError as error:
+        with suppress(OSError):
+            out.unlink()
         raise not_written("out", out, error, result) from error

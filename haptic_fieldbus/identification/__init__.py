@@ -5,14 +5,14 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from haptic_fieldbus.identification.estimates import Estimate, ScaleCheck
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import ShaftFit
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.numerals import in_unit, percent, rounded, with_interval
 from haptic_fieldbus.signals import Workspace
 
 NOTICED = 0.01
-"""Stribeck friction, and torques that repeat with the angle, are told from this share of the Coulomb friction on:
-rounding to counts looks like less."""
+"""Further torques are told from this share of friction and damping at top speed on: rounding to counts looks like
+less."""
 GUARDED = 0.9
 """Share of the announced speed at which a run trips, and that an experiment plans with: a speed is seen late."""
 NOT_CHECKED = (
@@ -108,7 +108,7 @@ class IdentifiedBench:
             estimates[f"breakaway_{way}"] = Estimate(0.5 * (low + high), low, high, "N·m")
         if fit and fit.resonance:
             estimates["resonance"] = fit.resonance
-        waves = noticed_waves(model) if model else ()
+        waves = noticed_waves(fit) if fit else ()
         return {
             "axis": told.axis,
             "values": {name: each.to_json() | {"stated": self.stated.get(name)} for name, each in estimates.items()},
@@ -124,21 +124,28 @@ class IdentifiedBench:
         }  # fmt: skip
 
 
-def noticed_waves(model: ShaftModel) -> list[tuple[float, float, float]]:
+def _noticed(fit: ShaftFit) -> float:
+    """Return the least torque beside friction and damping that people are told [N·m]."""
+    return NOTICED * (fit.model.coulomb + fit.model.damping * fit.top_speed)
+
+
+def noticed_waves(fit: ShaftFit) -> list[tuple[float, float, float]]:
     """Return the torques that repeat with the angle and that people are told."""
-    return [each for each in model.waves if math.hypot(*each[1:]) > NOTICED * model.coulomb]
+    return [each for each in fit.model.waves if math.hypot(*each[1:]) > _noticed(fit)]
 
 
 def further_texts(fit: ShaftFit) -> Iterator[str]:
     """Yield what acts on the shaft beside Coulomb friction and damping, in words."""
-    model, waves = fit.model, noticed_waves(fit.model)
-    is_falling = model.stribeck > NOTICED * model.coulomb
-    if is_falling:
+    model, waves, load, least = fit.model, noticed_waves(fit), fit.values["load"], _noticed(fit)
+    if is_falling := model.stribeck > least:
         speed = in_unit(model.stribeck_speed, "rad/s")
         yield f"{in_unit(model.stribeck, 'N·m')} more friction at rest (Stribeck), which fades at {speed}"
     for order, cosine, sine in waves:
         yield f"{in_unit(math.hypot(cosine, sine), 'N·m')} of cogging or weight, {rounded(order)} times a turn"
-    if not is_falling and not waves:
+    if is_loaded := max(load.low, -load.high) > least:
+        side = "positive" if load.value > 0.0 else "negative"
+        yield f"{in_unit(abs(load.value), 'N·m')} of constant load, such as a weight, towards {side} positions"
+    if not (is_falling or waves or is_loaded):
         yield f"nothing else seen above the {rounded(fit.residual)} counts that the fit leaves"
 
 

@@ -20,7 +20,7 @@ from itertools import takewhile
 
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Bounds, ExperimentError, GuidedMotion, Stage
-from haptic_fieldbus.identification.fit import ShaftRecord
+from haptic_fieldbus.identification.shaft import ShaftRecord
 from haptic_fieldbus.numerals import OutputRow, in_unit, rounded, with_interval
 
 TAPS = 2
@@ -38,6 +38,9 @@ FIRST_COUNTS, FIRST_STEPS = 16.0, 10.0
 """Smallest swing beside which a later one is judged: in counts, and in steps of the drive's torque."""
 TURN_COUNTS = 3.0
 """Way back that shows a turning point [counts]."""
+GIVES_WAY = 2.0
+"""Depth of the pressed handle, as a multiple of that at the stiffness, from which on the contact has given way."""
+GAVE_WAY = "the contact gave way to the press: it is softer than its stiffness says, or its force has an end"
 FINGER, LET_GO = 4, 2
 """Swings in a row that a tap by hand lets grow, two as it pushes and two as it lets go; and the first ones that decay,
 which are beside swings with the finger."""
@@ -97,16 +100,17 @@ class Tapping(GuidedMotion):
     """Periods since the press began."""
 
     def __init__(
-        self, bounds: Bounds, mass: float, friction: float, delay: float, *, surface: float, press: float, least: float,
-        by_hand: bool = False,
+        self, bounds: Bounds, mass: float, friction: float, delay: float, *, surface: float, press: float,
+        stiffness: float, least: float, by_hand: bool = False,
     ) -> None:  # fmt: skip
         """Begin; a positive `press` [N or N·m] pushes towards positive positions, from the place `surface` on.
 
-        `least` is the smallest swing beside which a later one is judged. A person who taps `by_hand` has the time of
-        all taps.
+        `stiffness` [N/m or N·m/rad] is that against a constant push. `least` is the smallest swing beside which a later
+        one is judged. A person who taps `by_hand` has the time of all taps.
         """
         super().__init__(bounds, mass, friction, 0.0, delay)
         self.surface, self.press, self.least, self.by_hand = surface, press, least, by_hand
+        self._deepest = GIVES_WAY * (abs(press) + friction) / stiffness + STILL_COUNTS * bounds.resolution
         self.stage, self._present = "surface", 0.0
 
     def effort(self, position: float) -> float:
@@ -124,6 +128,8 @@ class Tapping(GuidedMotion):
         self.stage = "press"
         yield from self._ramp(0.0, self.press)
         yield from self._listen()
+        if math.copysign(1.0, self.press) * (self.place - self.surface) > self._deepest:
+            raise ExperimentError(GAVE_WAY)
         self.stage = "tap"
         if self.by_hand:
             yield from self._listen(TAPS * LISTENING)

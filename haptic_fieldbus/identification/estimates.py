@@ -111,7 +111,13 @@ class ScaleCheck:
         """Yield factors of the ratio, each with the slip that makes it."""
         yield 0.25, "encoder_counts_per_revolution states lines; it is four times as many counts"
         yield 4.0, "encoder_counts_per_revolution is four times too large; it may be lines that were multiplied twice"
-        yield 1e-3, "rated_torque or torque_constant is a thousand times too small; it may be mN·m divided twice"
+        yield (
+            1e-3,
+            (
+                "rated_torque or torque_constant is a thousand times too small, as mN·m divided twice, or the mass was "
+                "given in g or g·m²"
+            ),
+        )
         yield 1e3, "rated_torque or torque_constant states mN·m for N·m; it is a thousandth"
         if self.gear is not None and not math.isclose(self.gear, 1.0):
             yield self.gear**4, f"mechanism.gear_ratio is the wrong way round; it is {exactly(1.0 / self.gear)}"

@@ -54,6 +54,9 @@ FIRST_SHARE, UNKNOWN_SHARE = 0.01, 0.05
 RAISED, ALIKE = 1.4, 1.1
 """Growth of an effort that was too weak, and the ratio of a strong and a weak one below which they tell nothing of each
 other."""
+STANDS = 3.0
+"""Effort of a push that moves no count, as a multiple of that of the breakaway, at which something holds the handle, or
+the encoder does not count: stronger ones would move it unseen."""
 STRONGER = 1.3
 """Growth of the effort from one good push to the next; in pushes of one effort, friction may look like inertia."""
 SLOW_PUSH, PUSH_SPEED, MOTION_SPEED, RIDING_SPEED = 0.12, 0.25, 0.5, 0.2
@@ -281,6 +284,11 @@ class Probe(Experiment):
             begin, side = self.place, 1 if self.place < bounds.middle else -1
             way = ways[side]
             pushed, fastest = yield from self._push(side, way.effort)
+            if self.place == begin and pushed >= LONGEST_PUSH and 0.0 < STANDS * self.friction < way.effort:
+                raise ExperimentError(
+                    "the encoder did not move under a push much above the effort that moved the handle before: keep "
+                    "hands off, and check encoder and brake"
+                )
             is_short = abs(self.place - begin) < FEWEST_COUNTS * bounds.resolution
             if pushed < FEWEST_PERIODS * bounds.period:
                 way.lower(way.effort / RAISED)

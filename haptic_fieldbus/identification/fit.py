@@ -1,8 +1,8 @@
 """Fit of the shaft model to records, with intervals, and with the reason where a value cannot be separated.
 
 Theory. The values minimise the sum of the squared prediction errors of all samples, by the method of Levenberg and
-Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives are
-differences of whole predictions. A solution at a bound of delay or lag is tried again from another share of the lag.
+Marquardt within bounds: inertia and lag are positive, damping, friction and delay at least 0. Derivatives come
+from `shaft.predicted_slopes`. A solution at a bound of delay or lag is tried again from another share of the lag.
 Of delay and lag the sum is best known, and is what a hand feels; it has an interval of its own.
 
 What is left is then searched for Stribeck friction and for waves of torque over the angle, such as cogging. A torque δ
@@ -31,7 +31,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from haptic_fieldbus.identification.estimates import Estimate, estimate_of, with_reasons
-from haptic_fieldbus.identification.shaft import LEADING, HeldSpan, ShaftModel, acting_torques, predicted_motion
+from haptic_fieldbus.identification.shaft import (
+    LEADING,
+    HeldSpan,
+    ShaftModel,
+    ShaftRecord,
+    acting_torques,
+    predicted_motion,
+    predicted_slopes,
+)
 from haptic_fieldbus.numerals import rounded, rounded_limit
 from haptic_fieldbus.numerics.linear import Matrix
 
@@ -83,43 +91,9 @@ largest ratio of the ends of this interval."""
 SMALL = 1e-4
 """Step of a difference, of the scale of its value."""
 NAMES = ("inertia", "viscous_damping", "coulomb_friction", "delay", "torque_lag", "load")
+FIELDS = ("inertia", "damping", "coulomb", "delay", "lag", "load")
+"""Values of a fit, and the fields of `ShaftModel` that they are."""
 DELAY, LAG = NAMES.index("delay"), NAMES.index("torque_lag")
-
-
-@dataclass(frozen=True)
-class ShaftRecord:
-    """Samples of one experiment at the motor shaft, at multiples of the period."""
-
-    period: float
-    """[s]"""
-    positions: tuple[float, ...]
-    """[rad]"""
-    torques: tuple[float, ...]
-    """Set-point that was computed from each sample [N·m]."""
-    resolution: float
-    """One encoder count [rad]."""
-
-    def torques_under(self, width: int, delay: float) -> Matrix:
-        """Return the mean torque under a triangle of half a `width` around each sample between the first and last ones.
-
-        `width` is in periods, and so is the `delay` of the set-points.
-        """
-        triangle = np.concatenate([np.arange(1, width + 1), np.arange(width - 1, 0, -1)]) / width**2
-        # A set-point acts from its sample on, so its middle is half a period later.
-        samples = np.arange(len(self.positions))
-        acting = np.interp(samples - 0.5 - delay, samples, self.torques)
-        return np.convolve(acting, triangle, "valid")[1:]
-
-    def part(self, first: int, last: int | None = None) -> "ShaftRecord":
-        """Return the samples from `first` up to `last`, without it."""
-        return replace(self, positions=self.positions[first:last], torques=self.torques[first:last])
-
-    @property
-    def top_speed(self) -> float:
-        """Return the largest speed, of means over 10 ms or a period [rad/s]."""
-        width = max(1, round(0.01 / self.period))
-        ways = np.subtract(self.positions[width:], self.positions[:-width])
-        return float(np.abs(ways).max(initial=0.0)) / (width * self.period)
 
 
 @dataclass(frozen=True)
@@ -225,28 +199,17 @@ def _weak_form(record: ShaftRecord, width: int, delay: float) -> tuple[Matrix, M
     return np.column_stack([bend, speed, np.sign(speed), -np.ones(len(bend))]), force, y[w:-w][moving]
 
 
-@dataclass(frozen=True)
-class TorqueBalance:
-    """Torques of a motion that its inertia leaves, at the motor shaft; one value a sample that moves."""
+def torque_balance(model: ShaftModel, record: ShaftRecord) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return positions [rad], speeds [rad/s], and friction and load there [N·m], where the record moves, shapes (n,).
 
-    positions: Matrix
-    """[rad]"""
-    speeds: Matrix
-    """[rad/s]"""
-    friction: Matrix
-    """Torque against the positive direction, load and waves of the model taken away [N·m]."""
-    load: Matrix
-    """Torque from outside, friction and damping of the model taken away [N·m]."""
-
-
-def torque_balance(model: ShaftModel, record: ShaftRecord) -> TorqueBalance:
-    """Return friction and load as the record shows them: torque less inertia times acceleration, over some samples."""
+    They are what torque less inertia times acceleration, over some samples, leaves: friction as the torque against the
+    positive direction, without load and waves of the model, and load without its friction and damping.
+    """
     width = max(2, round(GUESS_WIDTHS[0] / record.period))
     rows, force, places = _weak_form(record, width, (model.delay + model.lag) / record.period)
     left, speeds = force - rows[:, 0] * model.inertia, rows[:, 1]
-    load = np.array([model.torque_at(float(each)) for each in places])
-    friction = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
-    return TorqueBalance(places, speeds, left + load, np.array(friction) - left)
+    load, friction = model.torque_at(places, 0.0, np), np.sign(speeds) * model.friction_at(speeds, np)
+    return places, speeds, left + load, friction + model.damping * speeds - left
 
 
 def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
@@ -254,12 +217,10 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
 
     The inertia is above 0, damping and friction are 0 or more. A share of infinity: the rows tell nothing.
     """
-    columns, below = [0, 1, 2, 3], [0]
-    while below:
-        values = np.zeros(4)
-        values[columns] = np.linalg.lstsq(rows[:, columns], force, rcond=None)[0]
-        below = [column for column in (1, 2) if values[column] < 0.0]
-        columns = [column for column in columns if column not in below[:1]]
+    values, low, high = np.zeros(4), np.array([-math.inf, 0.0, 0.0, -math.inf]), np.full(4, math.inf)
+    for _ in low:  # each step holds one more value, or reaches the solution
+        step = free_step(values, low, high, rows.T @ (rows @ values - force), rows.T @ rows, 0.0)
+        values = np.clip(values - step, low, high)
     known = len(force) >= FEWEST_ROWS and values[0] > 0.0
     left = float(np.sum((rows @ values - force) ** 2) / max(np.sum(force**2), 1e-300)) if known else math.inf
     scale = float(np.std(force)) / max(float(np.std(rows[:, 0])), 1e-12)
@@ -268,17 +229,29 @@ def _non_negative(rows: Matrix, force: Matrix) -> tuple[float, list[float]]:
 
 
 def prediction_errors(model: ShaftModel, record: ShaftRecord, leading: float = LEADING) -> Matrix:
-    """Return the prediction errors of a record [counts], without those of its beginning, shape (n,).
-
-    The first speed is not known well, and no parameter: near rest, a shaft that sticks does not depend on it smoothly.
-    """
-    first, width = 0.0, max(6, round(0.02 / record.period))
-    begin = np.array(record.positions[:width])
-    if np.ptp(begin) > 2.5 * record.resolution:
-        first = float(np.polyfit(record.period * np.arange(width), begin, 2)[1])
-    found, _ = predicted_motion(model, record.positions, record.torques, record.period, first, leading)
+    """Return the prediction errors of a record [counts], without those of its beginning, shape (n,)."""
+    found, _ = predicted_motion(model, record, leading)
     errors: Matrix = (np.array(record.positions) - found)[unsettled_samples(record) :] / record.resolution
     return errors
+
+
+def errors_after(model: ShaftModel, before: ShaftRecord, record: ShaftRecord) -> Matrix:
+    """Return the prediction errors of a record that follows another one in motion [counts], shape (n,)."""
+    places, torques = before.positions + record.positions, before.torques + record.torques
+    return prediction_errors(model, replace(record, positions=places, torques=torques))[-len(record.positions) :]
+
+
+def error_slopes(models: Sequence[ShaftModel], record: ShaftRecord, leading: float) -> Matrix:
+    """Return by how much the prediction errors of further models differ from those of the first [counts], (n, m)."""
+    slopes: Matrix = -predicted_slopes(models, record, leading)[unsettled_samples(record) :] / record.resolution
+    return slopes
+
+
+def allowed_error(fit: ShaftFit, record: ShaftRecord) -> float:
+    """Return the root mean square of what values at the ends of their intervals change in a prediction [counts]."""
+    ends = {key: getattr(fit.model, key) + fit.values[name].half_width for name, key in zip(NAMES, FIELDS, strict=True)}
+    models = [fit.model, *(replace(fit.model, **{key: end}) for key, end in ends.items())]
+    return float(np.sqrt(np.mean(np.sum(error_slopes(models, record, LEADING) ** 2, axis=1))))
 
 
 def unsettled_samples(record: ShaftRecord) -> int:
@@ -348,7 +321,7 @@ class _Problem:
     def _beside(self, responses: Callable[[ShaftRecord], Matrix]) -> tuple[Matrix, Matrix]:
         """Return the residuals, and what responses to further torques have beside the sensitivities of the values."""
         residuals, columns = self.residuals(self.vector), np.vstack([responses(each) for each in self.records])
-        known, _ = np.linalg.qr(self.sensitivities(self.vector, residuals))
+        known, _ = np.linalg.qr(self.sensitivities(self.vector))
         return residuals, columns - known @ (known.T @ columns)
 
     def further(self) -> list[ShaftModel]:
@@ -383,7 +356,7 @@ class _Problem:
     def _further_responses(self, record: ShaftRecord, orders: Matrix, speeds: Matrix) -> Matrix:
         """Return the prediction of each sample [counts] by unit torques: Stribeck friction, then pairs of waves."""
         model, leading, period = self.model, self.leading, record.period
-        angles, moved = predicted_motion(model, record.positions, record.torques, period, leading=leading)
+        angles, moved = predicted_motion(model, record, leading, speed=0.0)
         turns, middles = np.outer(angles + 0.5 * period * moved, orders), np.outer(moved, 1.0 / speeds)
         waves = np.stack([np.cos(turns), np.sin(turns)], axis=2).reshape(len(angles), -1)
         waves *= np.repeat(np.sinc(np.outer(moved, 0.5 * period * orders / math.pi)), 2, axis=1)
@@ -424,14 +397,12 @@ class _Problem:
         model = self._model_of(vector)
         return np.concatenate([prediction_errors(model, each, self.leading) for each in self.records])
 
-    def sensitivities(self, vector: Matrix, residuals: Matrix) -> Matrix:
+    def sensitivities(self, vector: Matrix) -> Matrix:
         """Return the derivative of the residuals, shape (n, m)."""
-        columns = []
-        for place, step in enumerate(np.where(vector + SMALL > self.high, -SMALL, SMALL).tolist()):
-            moved = vector.copy()
-            moved[place] += step
-            columns.append((self.residuals(moved) - residuals) / step)
-        return np.column_stack(columns)
+        steps = np.where(vector + SMALL > self.high, -SMALL, SMALL)
+        models = [self._model_of(each) for each in (vector, *(vector + np.diag(steps)))]
+        slopes: Matrix = np.vstack([error_slopes(models, each, self.leading) for each in self.records]) / steps
+        return slopes
 
     def solved(self, enough: float = 1e-3) -> "_Problem":
         """Return the problem at its least sum of squares."""
@@ -457,7 +428,7 @@ class _Problem:
         cost, damping, slopes, is_fresh = float(residuals @ residuals), 1e-3, None, False
         for _ in range(MOST_STEPS):
             if slopes is None:
-                slopes, is_fresh = self.sensitivities(vector, residuals), True
+                slopes, is_fresh = self.sensitivities(vector), True
             gradient, hessian = slopes.T @ residuals, slopes.T @ slopes
             while damping < 1e7:
                 step = free_step(vector, self.low, self.high, gradient, hessian, damping)
@@ -486,7 +457,7 @@ class _Problem:
     def told(self, resonance: Estimate | None) -> ShaftFit:
         """Return the fit with its intervals and reasons."""
         model, vector, residuals = self.model, self.vector, self.residuals(self.vector)
-        spreads = self._spreads(self.sensitivities(vector, residuals), residuals)
+        spreads = self._spreads(self.sensitivities(vector), residuals)
         values = (*(vector * self.scales)[: len(NAMES)].tolist(), model.delay + model.lag)
         rms, slow = float(np.sqrt(np.mean(residuals**2))), _Problem(self.records, model)
         left = float(np.sqrt(np.mean(slow.residuals(slow.vector) ** 2)))
@@ -500,13 +471,13 @@ class _Problem:
         estimates["torque_lag"] = self._lag_interval(vector, width)
         warnings = list[str]()
         if resonance:
-            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling"
+            frequency = f"{rounded_limit(resonance.value)} Hz, as with an elastic coupling or a hand at the handle"
             warnings.append(
                 f"the shaft swings at about {frequency}, which the model does not have: damping and friction may be "
                 "wrong by a factor of two"
             )
         elif left > 3.0:
-            play = "play and an elastic coupling are not in it; the intervals are wider by this"
+            play = "play, an elastic coupling and a hand at the handle are not in it; the intervals are wider by this"
             warnings.append(f"the model leaves {rounded(left)} counts unexplained: {play}")
         told = with_reasons(estimates, self.top)
         return ShaftFit(model, told, left, self.top, len(residuals), resonance, tuple(warnings))
@@ -519,8 +490,7 @@ class _Problem:
         both, near = vector[DELAY] + vector[LAG], vector.copy()
         near[LAG] = max(vector[LAG], LAG_SHARES[0] * both)
         near[DELAY] = max(both - near[LAG], 0.0)
-        residuals = self.residuals(near)
-        spread = width * self._spreads(self.sensitivities(near, residuals), self.residuals(vector))[LAG]
+        spread = width * self._spreads(self.sensitivities(near), self.residuals(vector))[LAG]
         lag, reference = (float(each[LAG] * self.scales[LAG]) for each in (vector, near))
         spread = max(spread, LEAST_SHARE_OF_LAG * both * self.period)
         wide = 2.0 * reference * spread + spread**2
@@ -548,7 +518,7 @@ def _mode_responses(model: ShaftModel, record: ShaftRecord, modes: Matrix) -> Ma
     set-point makes after delay and lag.
     """
     eigen = modes[:, 0] * (-modes[:, 1] + 1j * np.sqrt(1.0 - modes[:, 1] ** 2))
-    acting, spans = acting_torques(model, record.torques, record.period)
+    acting, spans = acting_torques(model, record)
     pieces = []
     for seconds, ahead in spans:
         left, after = np.exp(eigen * seconds), math.exp(-seconds / model.lag)

@@ -66,6 +66,8 @@ KNOWN_SCALE = 0.05
 """Largest half of the interval of a scale that a record tells, as a share of it."""
 ONLY_A_HAND, ACT_ALIKE = "only a hand of known force tells it", "the torque of the scene and the bench act alike"
 TOO_WIDE = "its interval is too wide, so the stated hand may be wrong"
+NOT_EXPLAINED, UNEXPLAINED = 20.0, "another bench or hand moved the handle: the model does not explain the motion"
+"""Error that tells more of the model than of its values [counts], and the reason of a value that it leaves open."""
 SCALES = ("torque_scale", "count_scale")
 LEAST_SHARE, LEAST_TIME = 0.01, 2e-5
 """Half of an interval is at least this share of its value, or this time [s]."""
@@ -464,4 +466,7 @@ class _Fit:
             value = float(self.values[place])
             least = LEAST_TIME if place == BOTH else LEAST_SHARE * abs(value)
             values[name] = estimate_of(name, value, max(WIDTH * float(deviations.get(place, 0.0)), least))
-        return with_reasons(values, self.top)
+        found = with_reasons(values, self.top)
+        if self.rms < NOT_EXPLAINED:
+            return found
+        return {name: replace(each, reason=each.reason and UNEXPLAINED) for name, each in found.items()}

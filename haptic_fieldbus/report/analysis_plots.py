@@ -20,8 +20,8 @@ from haptic_fieldbus.api.sweep_folder import Sweep
 from haptic_fieldbus.assessing.result import Array
 from haptic_fieldbus.errors import UsageError
 from haptic_fieldbus.identification import IdentifiedBench, interval_text
-from haptic_fieldbus.identification.fit import ShaftRecord, prediction_errors, torque_balance, unsettled_samples
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import errors_after, prediction_errors, torque_balance
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.numerals import exactly, in_unit, rounded, rounded_limit
 from haptic_fieldbus.numerics.integrators import METHODS
 from haptic_fieldbus.numerics.linear import Matrix
@@ -455,12 +455,14 @@ def draw_identified(found: IdentifiedBench) -> Figure:
     (motion, error), (size, friction), (phase, travel), (shared, blank) = panels
     blank.set_axis_off()
     begin = 0.0
-    for record, colour, label in ((used, BLUE, "used in the fit"), (unused, ORANGE, "predicted only")):
+    for record, errors, colour, label in (
+        (used, prediction_errors(fit.model, used), BLUE, "used in the fit"),
+        (unused, errors_after(fit.model, used, unused), ORANGE, "predicted only"),
+    ):
         times: Array = begin + record.period * np.arange(len(record.positions), dtype=float)
         begin = float(times[-1])
         motion.plot(*thin(times, np.array(record.positions)), color=colour, linewidth=1.2, label=label)
-        settled = times[unsettled_samples(record) :]
-        error.plot(*thin(settled, prediction_errors(fit.model, record)), color=colour, linewidth=0.8)
+        error.plot(*thin(times[-len(errors) :], errors), color=colour, linewidth=0.8)
     dress(motion, "motion of the motor", "time [s]", "angle [rad]")
     dress(error, "prediction error", "time [s]", "error [counts]")
     frequencies, response, coherence = measured_response(used)
@@ -491,13 +493,13 @@ def span_frequencies(panel: Axes, shown: Array) -> None:
 
 def _draw_balance(friction: Axes, travel: Axes, model: ShaftModel, record: ShaftRecord) -> None:
     """Draw friction over speed and load over travel, measured against the model."""
-    shown = torque_balance(model, record)
-    speeds = np.linspace(shown.speeds.min(), shown.speeds.max(), 400)
-    places = np.linspace(shown.positions.min(), shown.positions.max(), 400)
-    curve = [math.copysign(model.friction_at(each), each) + model.damping * each for each in speeds.tolist()]
+    positions, moved, resisting, acting = torque_balance(model, record)
+    speeds = np.linspace(moved.min(), moved.max(), 400)
+    places = np.linspace(positions.min(), positions.max(), 400)
+    curve = np.sign(speeds) * model.friction_at(speeds, np) + model.damping * speeds
     for axes, x, y, grid, known in (
-        (friction, shown.speeds, shown.friction, speeds, np.array(curve)),
-        (travel, shown.positions, shown.load, places, np.array([model.torque_at(each) for each in places.tolist()])),
+        (friction, moved, resisting, speeds, curve),
+        (travel, positions, acting, places, np.broadcast_to(model.torque_at(places, 0.0, np), places.shape)),
     ):
         order = np.argsort(x)
         parts = [each for each in np.array_split(order, BALANCE_POINTS) if len(each)]

@@ -65,6 +65,10 @@ def test_the_effort_is_announced_and_at_most_a_fifth_of_rated_torque(
     text = " ".join(told)
     for part in ("10.1 N (20 % of rated torque)", "keep hands off", "80 % of the predicted onset", "nobody may touch"):
         assert part in text
+    low: list[str] = []
+    with pytest.raises(SafetyTripError):
+        certify(CertifyTask(Task("wall", bench, rate=SLOW), share=0.05), announce=low.extend)
+    assert "(5 % of the predicted onset), which is below the limit: keep hands off" in low[-1]
     narrow = bench.read_text(encoding="utf-8").replace("[axis.handle.limits]", "[axis.handle.limits]\neffort = 2.0")
     bench.write_text(narrow, encoding="utf-8")
     with pytest.raises(SafetyTripError):
@@ -233,6 +237,39 @@ def test_a_handle_that_leaves_its_travel_ends_it(bench: Path, monkeypatch: pytes
     monkeypatch.setattr(certification, "ROOM_SHARE", 5.0)
     with pytest.raises(SafetyTripError, match=r"would have left the announced travel .* torque is off"):
         certify(CertifyTask(Task("wall", bench, rate=SLOW)))
+
+
+def test_a_contact_that_holds_no_push_is_refused_before_anything_moves(
+    bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The end stops behind the detents swung well damped, and were told as the detents."""
+    bench.write_text(rig_text(), encoding="utf-8")
+    stopping(monkeypatch)
+    with pytest.raises(UsageError, match=r"holds a push of .* N; detents gives way to it"):
+        certify(CertifyTask(Task("detents", bench)))
+
+
+@pytest.mark.thorough("taps a contact in three steps")
+def test_a_rubber_ball_is_certified_as_far_as_it_is_as_stiff_as_it_says(bench: Path) -> None:
+    """Of 3600 N/m at its largest force, the press finds 2300."""
+    bench.write_text(rig_text(), encoding="utf-8")
+    found = certify(CertifyTask(Task("hunt_crossley", bench)))
+    assert "the contact gave way to the press" in found.ended
+    assert found.seen is not None
+    assert 900.0 <= found.seen < 3600.0
+
+
+@pytest.mark.thorough("taps two contacts")
+@pytest.mark.parametrize("scene", ["end_stops", "standard_linear_solid"])
+def test_a_contact_is_tapped_at_its_surface_and_may_be_soft_at_rest(
+    scene: str, bench: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(certification, "STEP", 4.0)
+    bench.write_text(rig_text(), encoding="utf-8")
+    found = certify(CertifyTask(Task(scene, bench)))
+    assert found.seen == found.contacts[-1].stiffness
+    assert found.onset is not None
+    assert found.onset.value == pytest.approx(found.predicted, rel=0.05)
 
 
 def test_a_contact_whose_swings_have_too_few_counts_is_not_tapped(bench: Path) -> None:

@@ -150,7 +150,10 @@ def test_a_recording_that_tells_nothing_is_refused_with_the_reason(bench: Hidden
         return replace(bench.stated, axis={"handle": replace(axis, **changes)})  # type: ignore[arg-type]
 
     flagless = replace(minute, columns={key: value for key, value in minute.columns.items() if "flags" not in key})
+    torn = replace(minute, columns={**minute.columns, "handle.position": minute["handle.position"].copy()})
+    torn.columns["handle.position"][700] = np.nan
     for found, rig, axis_name, words in (
+        (torn, bench.stated, None, "handle.position is missing in some rows; expected a number in each"),
         (replace(minute, provenance=None), bench.stated, None, "no provenance"),
         (minute, other, None, "axis.handle.mechanism of the rig is not that of the recorded run"),
         (minute, bench.stated, "knob", "expected an axis of recording and rig: handle"),

@@ -26,7 +26,7 @@ def test_it_is_told_as_text_and_on_a_page(rig: Path, tmp_path: Path, command: Co
     ended = command("certify", "wall", "--rig", rig, *SLOW, "--out", page)
     assert ended.status == 0, ended.err
     for part in (
-        "nobody may touch the handle",
+        "which is below the limit: keep hands off",
         "well damped (each swing at most 0.9 of",
         "extrapolated",
         "predicted  onset 903 N/m",

@@ -124,9 +124,9 @@ def test_a_load_that_falls_is_told_and_nothing_is_written(rig: Path, command: Co
     assert rig.read_text(encoding="utf-8") == text
 
 
-@pytest.mark.thorough("begins to measure a bench four times", quick=("breakaway-2-130", "motion-15-143"))
+@pytest.mark.thorough("begins to measure a bench six times", quick=("breakaway-2-130", "motion-15-143"))
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("stage", ["breakaway", "motion"])
+@pytest.mark.parametrize("stage", ["breakaway", "motion", "fit"])
 def test_a_signal_ends_it_with_its_status_and_nothing_is_written(
     stage: str, number: int, status: int, rig: Path, command: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """Command `twin`."""
 
+import errno
 import json
 import tomllib
 from dataclasses import replace
@@ -7,8 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from haptic_fieldbus.cli.identify import write_new
 from haptic_fieldbus.documents.edits import with_table
 from haptic_fieldbus.drive.rig_units import rig_text
+from haptic_fieldbus.errors import HapticFieldbusError
 from haptic_fieldbus.protocols.canopen.bus import CanSection
 from haptic_fieldbus.protocols.catalogue import load_rig
 from tests.cli.command import Command
@@ -79,6 +82,19 @@ def test_the_twin_of_a_simulated_run_on_the_rig_of_a_real_bus_is_simulated(tmp_p
 
 
 @pytest.mark.thorough("fits a bench")
+def test_a_disk_that_is_full_leaves_no_part_of_a_twin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part of a rig is a rig of another bench."""
+
+    def torn(path: Path, text: str, encoding: str) -> int:
+        path.write_bytes(text[:10].encode(encoding))
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", torn)
+    with pytest.raises(HapticFieldbusError, match=r"twin.toml.*: cannot be written: No space left on device"):
+        write_new(tmp_path / "twin.toml", "[bus.here]\ninterface = ...")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, command: Command) -> None:
     twin, lighter = tmp_path / "twin.toml", tmp_path / "lighter.toml"
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 0

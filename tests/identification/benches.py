@@ -5,8 +5,8 @@ import random
 from dataclasses import dataclass
 
 from haptic_fieldbus.identification.experiment import Bounds, Experiment, GuidedMotion, Probe
-from haptic_fieldbus.identification.fit import ShaftFit, ShaftRecord, fit_shaft
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.fit import ShaftFit, fit_shaft
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.sim.mechanics.body import Body
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant

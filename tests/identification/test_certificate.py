@@ -9,8 +9,7 @@ import pytest
 from haptic_fieldbus.identification.certificate import FIRST_COUNTS, Certificate, Swings, TappedContact, Tapping
 from haptic_fieldbus.identification.estimates import Estimate
 from haptic_fieldbus.identification.experiment import Experiment, Stage
-from haptic_fieldbus.identification.fit import ShaftRecord
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.numerals import lines_of, object_of
 from tests.identification.benches import Bench, Course, conducted, plant_of_bench
 
@@ -52,7 +51,7 @@ def laid(bench: Bench, stiffness: float, side: float = 1.0) -> Tapping:
     least = max(FIRST_COUNTS * bench.bounds.resolution, 10.0 * STEP * bench.effort / stiffness)
     return Tapping(
         bench.bounds, model.inertia, model.coulomb, model.delay + model.lag, surface=side * SURFACE, press=press,
-        least=least,
+        stiffness=stiffness, least=least,
     )  # fmt: skip
 
 

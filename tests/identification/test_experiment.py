@@ -45,6 +45,20 @@ def test_the_breakaway_tells_a_constant_load() -> None:
         assert low <= torque <= high < torque + 3e-3
 
 
+def test_an_encoder_that_stops_counting_ends_the_pulses_before_they_are_strong() -> None:
+    """A handle that nobody sees would be pushed on and on, to the end of its way."""
+    law, plant = Probe(BENCH.bounds, ["rest"]), plant_of_bench(BENCH)
+    whole = conducted(law, BENCH, plant)
+    frozen, efforts = Probe(BENCH.bounds, ["rest"]), list[float]()
+    begin = whole.stages.index("pulse")
+    for place in [*whole.record.positions[:begin], *[whole.record.positions[begin]] * 20_000]:
+        if frozen.done:
+            break
+        efforts.append(abs(frozen.effort(place)))
+    assert frozen.failure.startswith("the encoder did not move under a push much above")
+    assert max(efforts[begin:]) < 0.2 * BENCH.bounds.effort
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_the_breakaway_covers_the_friction_of_a_drawn_bench(seed: int) -> None:
     bench = drawn_bench(seed)

@@ -13,13 +13,13 @@ from haptic_fieldbus.identification.estimates import UNITS, Estimate, reason_of
 from haptic_fieldbus.identification.experiment import GuidedMotion
 from haptic_fieldbus.identification.fit import (
     ShaftFit,
-    ShaftRecord,
+    errors_after,
     first_guess,
     fit_shaft,
     prediction_errors,
     torque_balance,
 )
-from haptic_fieldbus.identification.shaft import ShaftModel
+from haptic_fieldbus.identification.shaft import ShaftModel, ShaftRecord
 from haptic_fieldbus.sim.mechanics.loaded_plant import Load, LoadedPlant
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from tests.identification.benches import Bench, conducted, drawn_bench, identified_bench
@@ -76,6 +76,15 @@ def test_the_values_are_those_of_scipys_least_squares_within_the_intervals() -> 
         assert estimate.low <= value <= estimate.high, name
     assert mine.values["inertia"].value == pytest.approx(4e-5, rel=2e-3)
     assert mine.residual == pytest.approx(float(np.sqrt(2.0 * theirs.cost / 1200)), rel=0.15)
+
+
+def test_a_record_that_begins_in_motion_is_predicted_from_what_was_before() -> None:
+    """Its first speed is not known from its first counts."""
+    whole = replace(record_of(TRUE, multisine(1200, 0.02)), resolution=COUNT)
+    before, record = whole.part(0, 700), whole.part(700)
+    errors = errors_after(TRUE, before, record)
+    assert len(errors) == 500
+    assert np.sqrt(np.mean(errors**2)) < 0.4 < 0.5 * np.sqrt(np.mean(prediction_errors(TRUE, record) ** 2))
 
 
 def test_the_solution_is_a_minimum_of_its_own_sum_of_squares() -> None:
@@ -188,11 +197,12 @@ def test_set_points_that_act_early_and_late_bend_no_value() -> None:
 def test_friction_and_load_of_a_record_are_those_of_its_model() -> None:
     """The balance takes no friction and no load from the model: a model without them shows both."""
     record = record_of(TRUE, multisine(1200, 0.02))
-    shown = torque_balance(replace(TRUE, damping=0.0), record)
-    fast = np.abs(shown.speeds) > 0.3 * np.abs(shown.speeds).max()
-    slope = np.polyfit(shown.speeds[fast], shown.friction[fast], 1)[0]
+    _, speeds, friction, _ = torque_balance(replace(TRUE, damping=0.0), record)
+    fast = np.abs(speeds) > 0.3 * np.abs(speeds).max()
+    slope = np.polyfit(speeds[fast], friction[fast], 1)[0]
     assert slope == pytest.approx(TRUE.damping, rel=0.15)
-    assert torque_balance(TRUE, record).load.mean() == pytest.approx(0.0, abs=2e-4)
+    *_, load = torque_balance(TRUE, record)
+    assert load.mean() == pytest.approx(0.0, abs=2e-4)
 
 
 def estimates(**changed: Estimate) -> dict[str, Estimate]:

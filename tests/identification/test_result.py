@@ -39,8 +39,8 @@ def test_an_announcement_says_how_far_how_fast_and_how_strongly() -> None:
 
 def test_stribeck_friction_and_waves_are_told() -> None:
     model = ShaftModel(1.0, 1.0, 1.0, 1.0, 1.0, stribeck=2e-3, stribeck_speed=3.0, waves=((12.0, 3e-3, -4e-3),))
-    model = replace(model, coulomb=0.19)
-    fit = ShaftFit(model, {}, 0.3, 20.0, 8000)
+    model = replace(model, coulomb=0.19, damping=0.0)
+    fit = ShaftFit(model, {"load": Estimate(0.0, -1e-3, 1e-3, "N·m")}, 0.3, 20.0, 8000)
     assert list(further_texts(fit)) == [
         "2 mN·m more friction at rest (Stribeck), which fades at 3 rad/s",
         "5 mN·m of cogging or weight, 12 times a turn",
@@ -53,6 +53,23 @@ def test_stribeck_friction_and_waves_are_told() -> None:
         hidden = replace(fit, model=other)
         assert "nothing else seen above the 0.3 counts" in next(further_texts(hidden))
         assert IdentifiedBench(TOLD, 1000.0, {}, fit=hidden, check=0.31).to_json()["waves"] == []
+
+
+def test_a_constant_load_is_told_with_its_direction() -> None:
+    model, load = ShaftModel(1.0, 0.0, 2e-3, 1.0, 1.0), Estimate(-1.5e-3, -1.501e-3, -1.499e-3, "N·m")
+    fit = ShaftFit(model, {"load": load}, 0.3, 20.0, 8000)
+    assert list(further_texts(fit)) == ["1.5 mN·m of constant load, such as a weight, towards negative positions"]
+    upward = replace(fit, values={"load": Estimate(1.5e-3, 1.499e-3, 1.501e-3, "N·m")})
+    assert "towards positive positions" in next(further_texts(upward))
+    unsure = replace(fit, values={"load": replace(load, high=1e-6)})
+    assert "nothing else seen" in next(further_texts(unsure))
+
+
+def test_a_wave_that_rounding_makes_without_friction_is_not_told() -> None:
+    """Without Coulomb friction, damping at top speed is what a wave stands beside."""
+    values = {"load": Estimate(0.0, -1e-9, 1e-9, "N·m")}
+    fit = ShaftFit(ShaftModel(4e-5, 1e-4, 0.0, 1.0, 1.0, waves=((0.6, 3e-8, 0.0),)), values, 0.3, 90.0, 8000)
+    assert "nothing else seen" in next(further_texts(fit))
 
 
 def test_json_holds_each_value_with_its_interval_and_what_the_rig_states() -> None:

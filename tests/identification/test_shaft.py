@@ -8,12 +8,22 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, predicted_motion
+from haptic_fieldbus.identification import shaft
+from haptic_fieldbus.identification.shaft import HeldSpan, ShaftModel, ShaftRecord, predicted_motion, predicted_slopes
 
 PERIOD = 0.002
 SMOOTH = ShaftModel(4e-5, 3e-4, 0.0, 0.0007, 0.0006)
 ROUGH = ShaftModel(4e-5, 1e-4, 3e-3, 0.0031, 0.0009)
 LOADED = ShaftModel(9e-5, 0.0, 2e-3, 0.0, 0.0002, load=1.2e-3)
+
+
+def record_of(positions: list[float], torques: list[float]) -> ShaftRecord:
+    return ShaftRecord(PERIOD, tuple(positions), tuple(torques), 1e-3)
+
+
+def opened(model: ShaftModel, torques: list[float], speed: float = 0.0) -> np.ndarray:
+    """Angles of an open integration."""
+    return predicted_motion(model, record_of([0.0] * len(torques), torques), 0.0, speed)[0]
 
 
 def solved(model: ShaftModel, torques: list[float], speed: float = 0.0) -> list[float]:
@@ -84,10 +94,8 @@ def test_stribeck_friction_and_waves_are_those_of_scipy() -> None:
     )
     torques = [2.2e-3 + 1e-3 * math.sin(0.05 * k) for k in range(150)]
     theirs = solved_with_parts(model, torques)
-    mine, _ = predicted_motion(model, [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0)
-    without, _ = predicted_motion(
-        replace(model, stribeck=0.0, waves=()), [0.0] * 150, torques, PERIOD, speed=8.0, leading=0.0
-    )
+    mine = opened(model, torques, 8.0)
+    without = opened(replace(model, stribeck=0.0, waves=()), torques, 8.0)
     assert np.ptp(theirs) > 1.0
     assert mine == pytest.approx(theirs, abs=2e-3)
     assert float(np.abs(without - theirs).max()) > 0.02
@@ -110,7 +118,7 @@ def pushes(count: int, size: float) -> list[float]:
 @pytest.mark.parametrize("model", [SMOOTH, ROUGH, LOADED], ids=["smooth", "rough", "loaded"])
 def test_an_open_integration_is_that_of_scipy(model: ShaftModel) -> None:
     torques = pushes(120, 0.008)
-    mine, _ = predicted_motion(model, [0.0] * len(torques), torques, PERIOD, leading=0.0)
+    mine = opened(model, torques)
     theirs = solved(model, torques)
     assert np.ptp(theirs) > 0.02
     assert mine == pytest.approx(theirs, abs=1e-6)
@@ -118,7 +126,7 @@ def test_an_open_integration_is_that_of_scipy(model: ShaftModel) -> None:
 
 def test_a_spinning_shaft_slows_down_and_sticks_where_the_closed_form_says() -> None:
     model = ShaftModel(4e-5, 0.0, 2e-3, 0.0, 0.0005)
-    angles, _ = predicted_motion(model, [0.0] * 500, [0.0] * 500, PERIOD, speed=10.0, leading=0.0)
+    angles = opened(model, [0.0] * 500, 10.0)
     # ω²·J/(2·c)
     assert angles[-1] == pytest.approx(100.0 * 4e-5 / 4e-3, rel=1e-9)
 
@@ -138,6 +146,43 @@ def test_a_tiny_damping_is_the_limit_without_damping(damping: float) -> None:
 
 def test_the_model_is_led_back_to_a_record_that_it_does_not_explain() -> None:
     drifting = [0.01 * k * PERIOD for k in range(2000)]
-    at_rest, _ = predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD)
+    record = record_of(drifting, [0.0] * 2000)
+    at_rest, _ = predicted_motion(SMOOTH, record, speed=0.0)
     assert abs(at_rest[-1] - drifting[-1]) < 0.01
-    assert predicted_motion(SMOOTH, drifting, [0.0] * 2000, PERIOD, leading=0.0)[0][-1] == 0.0
+    assert predicted_motion(SMOOTH, record, 0.0, 0.0)[0][-1] == 0.0
+
+
+RICH = ShaftModel(
+    4e-5, 3e-4, 2e-3, 0.0011, 0.0006, 2e-4, stribeck=8e-4, stribeck_speed=3.0, waves=((14.0, 1e-4, -3e-4),)
+)
+
+
+@pytest.mark.parametrize(
+    "model", [SMOOTH, ROUGH, replace(LOADED, delay=1e-5), RICH], ids=["smooth", "rough", "loaded", "rich"]
+)
+@pytest.mark.parametrize("key", ["inertia", "damping", "coulomb", "delay", "lag", "load"])
+def test_a_slope_is_the_difference_of_two_predictions(
+    model: ShaftModel, key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Over reversals, breakaways and rest; the difference over both sides has an error of second order."""
+    monkeypatch.setattr(shaft, "MOSTLY_AT_REST", 1.0)
+    torques, scales = pushes(300, 0.01), {"inertia": 4e-5, "delay": PERIOD, "lag": PERIOD, "damping": 1e-4}
+    step = 1e-4 * scales.get(key, 2e-3)
+    record = record_of(np.round(opened(model, torques), 3).tolist(), torques)
+
+    def moved(side: float) -> ShaftModel:
+        return replace(model, **{key: getattr(model, key) + side * step})
+
+    ahead, behind = (predicted_motion(moved(side), record)[0] for side in (1.0, -1.0))
+    slope = predicted_slopes([model, moved(1.0)], record)[:, 0]
+    assert np.ptp(slope) > 0.0
+    assert np.linalg.norm(slope - 0.5 * (ahead - behind)) < 0.02 * np.linalg.norm(slope)
+
+
+def test_of_a_record_mostly_at_rest_whole_predictions_are_compared() -> None:
+    """A load of 3 mN·m moves a shaft that friction holds, whatever the slope at rest is."""
+    stuck = ShaftModel(4e-5, 1e-4, 2e-3, 0.0, 5e-4)
+    record = record_of([0.0] * 300, [0.0] * 300)
+    slopes = predicted_slopes([stuck, replace(stuck, load=3e-3)], record, 0.0)
+    assert slopes[:, 0] == pytest.approx(predicted_motion(replace(stuck, load=3e-3), record, 0.0)[0])
+    assert slopes[-1, 0] > 1.0

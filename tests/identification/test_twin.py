@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from haptic_fieldbus.drive.rig import LinearMechanism
 from haptic_fieldbus.identification import twin
 from haptic_fieldbus.identification.shaft import ShaftModel
-from haptic_fieldbus.identification.twin import HoldingHand, RunRecord, fit_run
+from haptic_fieldbus.identification.twin import NOBODY, HoldingHand, RunRecord, fit_run
 from haptic_fieldbus.sim.hand import HANDS, Grip, grip
 from haptic_fieldbus.sim.mechanics.motion import Shaft
 from haptic_fieldbus.sim.mechanics.plant import Plant
@@ -143,6 +143,13 @@ def test_a_wrong_hand_tells_no_scale(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("torque_scale", "count_scale"):
         assert values[name].value == 1.0
         assert values[name].reason == "its interval is too wide, so the stated hand may be wrong"
+
+
+def test_values_that_a_wrong_hand_hides_are_not_called_small(shaken: RunRecord) -> None:
+    fit = fit_run(replace(shaken, hand=NOBODY), STATED)
+    reasons = {each.reason for name, each in fit.values.items() if name != "torque_scale" and each.reason}
+    assert fit.residual > 20.0
+    assert reasons == {"another bench or hand moved the handle: the model does not explain the motion"}
 
 
 def test_a_soak_is_judged_by_shares() -> None:
