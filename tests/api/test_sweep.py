@@ -57,6 +57,7 @@ def equal(one: Sweep, other: Sweep) -> bool:
     return bool(one.to_arrow().equals(other.to_arrow()))
 
 
+@pytest.mark.thorough("9 plans", quick=3)
 @pytest.mark.parametrize("rendering", [{}, {"rate": 500.0}, {"estimator": "low-pass"}], ids=str)
 @pytest.mark.parametrize("place", [{}, {"wall.sides": "bilateral"}, {"wall.side": "negative"}], ids=str)
 def test_walls_that_share_a_plan_have_the_verdicts_of_single_ones(
@@ -198,6 +199,7 @@ def test_a_measure_that_cannot_be_sent_says_so_before_it_runs() -> None:
         sweep("wall", {"seed": [1, 2]}, engine="full", duration=0.05, measure=lambda _: {}, workers=2)
 
 
+@pytest.mark.thorough("starts processes", quick=1)
 @pytest.mark.parametrize("lent", [None, 2])
 def test_the_rows_are_the_same_whoever_computes_them(lent: int | None) -> None:
     points = {"wall.stiffness": np.linspace(1.0, 3000.0, 90), "wall.damping": (0.0, 5.0)}

@@ -145,6 +145,7 @@ def finished() -> Result:
     return run("wall", duration=0.7, settings={"wall.position": 0.001})
 
 
+@pytest.mark.thorough("starts a process that imports all")
 def test_a_result_is_copied_and_sent_to_another_process(finished: Result) -> None:
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         sent = pool.submit(run, "wall", duration=0.05).result()

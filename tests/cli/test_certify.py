@@ -21,6 +21,7 @@ def rig(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.thorough("certifies a bench, and draws it")
 def test_it_is_told_as_text_and_on_a_page(rig: Path, tmp_path: Path, command: Command) -> None:
     page = tmp_path / "page.pdf"
     ended = command("certify", "wall", "--rig", rig, *SLOW, "--out", page)

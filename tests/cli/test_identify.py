@@ -35,6 +35,7 @@ def test_a_dry_run_says_what_would_move_and_changes_nothing(rig: Path, command: 
     assert rig.read_text(encoding="utf-8") == before
 
 
+@pytest.mark.thorough("measures a bench, and draws it")
 def test_the_values_are_told_drawn_and_written(rig: Path, tmp_path: Path, command: Command) -> None:
     picture, before = tmp_path / "bench.png", digest(rig.read_text(encoding="utf-8"))
     ended = command("identify", "--rig", rig, "--plot", picture)

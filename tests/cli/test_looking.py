@@ -60,6 +60,7 @@ mechanism = {{ kind = "rotary" }}
     assert finished.status == 0
 
 
+@pytest.mark.thorough("opens a bus each time", quick=1)
 @pytest.mark.parametrize("words", [("scan",), ("watch",), ("doctor",)], ids=" ".join)
 def test_a_bus_that_cannot_be_opened_says_what_to_do(command: Command, words: tuple[str, ...]) -> None:
     finished = command(*words, "--bus", "socketcan:no_such_can")

@@ -253,6 +253,7 @@ SOFT = ("wall", "--set", "wall.stiffness=10", "--duration", "3")
 FULL = Path("/dev/full")
 
 
+@pytest.mark.thorough("draws a picture", quick=1)
 @pytest.mark.parametrize("as_json", [False, True])
 def test_a_run_that_trips_is_drawn_up_to_its_trip(command: Command, tmp_path: Path, *, as_json: bool) -> None:
     picture = tmp_path / "trip.png"

@@ -27,6 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough("three runs of a bench")
 def test_a_twin_is_written_runs_and_is_compared(folder: Path, tmp_path: Path, command: Command) -> None:
     twin = tmp_path / "twin.toml"
     ended = command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin)

@@ -10,7 +10,7 @@ from haptic_fieldbus.errors import UsageError
 from tests.peers.hosts import in_another_process
 from tests.peers.test_master_dies import NODE, RIG
 
-pytestmark = pytest.mark.xdist_group("peers")
+pytestmark = [pytest.mark.xdist_group("peers"), pytest.mark.thorough("listens in real time")]
 
 SDO_REQUESTS, SDO_RESPONSES, HEARTBEAT = 0x600 + NODE, 0x580 + NODE, 0x700 + NODE
 SDO_UPLOAD = 0x40

@@ -152,7 +152,7 @@ def test_a_shaft_that_gives_energy_trips_in_gaps() -> None:
     tripped(replace(scene, elements=(loud, *scene.elements[1:])), gaps(0.7, 8.0, 2, 0.4), hand="sine")
 
 
-@pytest.mark.thorough("all scenes, hands and lengths of gaps", quick=("dahl-sine", "virtual_coupling-sine"))
+@pytest.mark.thorough("all scenes, hands and lengths of gaps", quick=("dahl-sine",))
 @pytest.mark.parametrize("hand", ["push", "sine"])
 @pytest.mark.parametrize("scene", scene_names())
 def test_no_scene_of_the_library_trips_by_energy_in_gaps(scene: str, hand: str) -> None:

@@ -156,6 +156,7 @@ def test_a_gateway_whose_answers_are_a_period_old_neither_trips_nor_hides(
     assert found.broken == []
 
 
+@pytest.mark.thorough("waits in real time")
 def test_the_question_tells_what_is_not_seen(tmp_path: Path) -> None:
     """Before anything is written."""
     questions: list[str] = []
