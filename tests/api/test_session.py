@@ -414,6 +414,7 @@ while next({holder}left).time < 1.3:
 """Program that ends with a session open, in contact."""
 
 
+@pytest.mark.thorough("starts a process", quick=1)
 @pytest.mark.parametrize("holder", ["", "sys."], ids=["of the program", "of the interpreter"])
 def test_a_session_that_is_open_when_the_interpreter_ends_is_torque_free_and_says_nothing(
     holder: str, tmp_path: Path

@@ -419,7 +419,7 @@ GUIDE = Path(__file__).parents[2] / "docs" / "how-to" / "sweep_parameters.md"
 PROGRAMS = re.findall(r"^```python\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.thorough("makes runs and many points", quick=1)
+@pytest.mark.thorough("makes runs and many points")
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
 def test_the_programs_of_the_guide_run(program: str, tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True, capture_output=True)

@@ -96,6 +96,7 @@ def test_a_disk_that_is_full_leaves_no_part_of_a_twin(tmp_path: Path, monkeypatc
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough("two runs of a bench")
 def test_a_change_is_told_by_text_and_status(folder: Path, tmp_path: Path, command: Command) -> None:
     twin, lighter = tmp_path / "twin.toml", tmp_path / "lighter.toml"
     assert command("twin", folder / "run.mcap", "--rig", folder / "rig.toml", "--out", twin).status == 0

@@ -64,6 +64,7 @@ def identity(network: canopen.Network, lss: LssMaster) -> tuple[int, ...]:
 class TestLss:
     """Switching, inquiring, configuring, identifying, fastscan."""
 
+    @pytest.mark.thorough("waits in real time", quick=1)
     def test_in_configuration_it_tells_who_it_is(self, lss: LssMaster, identity: tuple[int, ...]) -> None:
         lss.send_switch_state_global(lss.CONFIGURATION_STATE)
         assert lss.inquire_node_id() == NODE
@@ -73,6 +74,7 @@ class TestLss:
         with pytest.raises(LssError, match="No LSS response"):
             lss.inquire_node_id()
 
+    @pytest.mark.thorough("waits in real time", quick=1)
     def test_one_slave_is_selected_by_its_address_and_gets_a_node_id(
         self, lss: LssMaster, identity: tuple[int, ...], network: canopen.Network
     ) -> None:

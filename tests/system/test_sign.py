@@ -98,6 +98,7 @@ def test_a_sign_that_friction_hides_is_told_with_what_to_do() -> None:
     assert "2.51 N" in warning
 
 
+@pytest.mark.thorough("a long run")
 def test_a_check_that_took_the_place_of_the_scene_for_long_is_told() -> None:
     """A hand holds the handle rigidly in a soft wall, and lets go after 0.8 s; the direction is seen after that."""
     hand = Hand("holds it", mass=1000.0, damping=1e4, stiffness=1e6, release=0.8)

@@ -54,6 +54,7 @@ def bench_on(stack: ExitStack, line: str, way: Transaction | None = None, **chan
     return bench.open().enable(), server
 
 
+@pytest.mark.thorough("over every line in every way", quick=2)
 @pytest.mark.parametrize("way", Transaction)
 @pytest.mark.parametrize("line", LINES)
 def test_a_period_carries_feedback_in_and_torque_out(opened: ExitStack, line: str, way: Transaction) -> None:
