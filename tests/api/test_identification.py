@@ -215,7 +215,7 @@ def test_a_bench_that_is_another_one_in_the_check_is_told(
 
     monkeypatch.setattr(Experiment, "effort", effort)
     monkeypatch.setattr(Body, "set_target", set_target)
-    found = measured(bench, rig_text(counts=65_536))
+    found = measured(bench, rig_text(counts=131_072))
     told = any("but one with other oscillations is predicted to" in each for each in found.warnings)
     assert told == (share < 1.0)
     assert found.check is not None
