@@ -216,7 +216,7 @@ DISABLE_TIMEOUT = 1.0  # [s]; for a drive that an earlier master left enabled
 STILL_ENABLED = "is still enabled after the command disable voltage"
 
 
-LONE_SYNCS, LONE_PERIODS = 10, 4
+LONE_SYNCS, LONE_PERIODS = 10, 20
 """So often a drive may answer a SYNC late before it is refused, and for so many periods each answer is waited for."""
 
 

@@ -150,7 +150,9 @@ class RealBench(Bench):
         return sent.index(RPDO) if RPDO in sent else len(sent)
 
 
-@pytest.mark.parametrize(("delay_us", "refused"), [(100, False), (950, False), (1_200, True), (2_300, True)])
+@pytest.mark.parametrize(
+    ("delay_us", "refused"), [(100, False), (950, False), (1_200, True), (2_300, True), (7_400, True)]
+)
 def test_a_drive_that_answers_more_than_a_period_late_is_refused_before_torque(delay_us: int, refused: bool) -> None:
     """In the loop each answer would pass for that to the SYNC after it: with 1.2 ms it comes 0.2 ms after one."""
     bench = RealBench()
